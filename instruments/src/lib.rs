@@ -1,0 +1,23 @@
+//! Talks to one instrument of a battery test bench; pretends to be one.
+//!
+//! The layers, in reading order: [`units`] and [`clock`]; [`scpi`], the sans-IO codec; [`transport`], bytes in and bytes out; [`transcript`] and
+//! [`link`], the one async seam; the roles ([`supply4q`], [`generator`], [`scope`], [`load`], [`supply`], [`chiller`], [`logger`], [`jig`]), each
+//! with its dialects; and [`mock`], devices that answer the same messages on the same kinds of port.
+//!
+//! Knows no physics, no files, no configuration and no procedure.
+
+pub mod chiller;
+pub mod clock;
+pub mod generator;
+pub mod jig;
+pub mod link;
+pub mod load;
+pub mod logger;
+pub mod mock;
+pub mod scope;
+pub mod scpi;
+pub mod supply;
+pub mod supply4q;
+pub mod transcript;
+pub mod transport;
+pub mod units;
