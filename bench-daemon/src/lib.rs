@@ -1,1 +1,20 @@
-//! x
+//! The daemon of a battery test bench: decides, records, reports. The only crate that knows configuration files and the command line.
+//!
+//! In reading order: [`config`] (files → a checked experiment), [`procedure`] (experiment → [`plan`]), [`interlock`] (reading → trip), [`bench`] (the
+//! named instruments), [`executor`] (plan → instruments → records), [`record`] (the run folder), [`sim`] (a simulated world behind mocks),
+//! [`command`] (what the command line does).
+
+pub mod bench;
+pub mod cli;
+pub mod command;
+pub mod config;
+pub mod executor;
+pub mod fixture_check;
+pub mod interlock;
+pub mod logging;
+pub mod operator;
+pub mod plan;
+pub mod procedure;
+pub mod progress;
+pub mod record;
+pub mod sim;

@@ -8,6 +8,7 @@
 
 pub mod chiller;
 pub mod clock;
+pub mod exchange;
 pub mod generator;
 pub mod jig;
 pub mod link;

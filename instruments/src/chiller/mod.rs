@@ -1,1 +1,119 @@
-//! Placeholder.
+//! The chiller that holds the cell's water blocks at a temperature.
+
+mod julabo;
+
+use crate::{
+    exchange::{Exchange, Identity, leading_number, play},
+    link::{Link, LinkError, LinkProfile},
+    units::Celsius,
+};
+
+/// What a chiller says of its state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Status {
+    /// It circulates and controls.
+    pub running: bool,
+    /// It takes commands.
+    pub remote: bool,
+    /// An alarm that means the bath is not under control.
+    pub alarm: Option<String>,
+    /// The answer as it came.
+    pub raw: String,
+}
+
+/// One model's language.
+pub trait Dialect: Send + Sync {
+    /// The name in a bench file.
+    fn key(&self) -> &'static str;
+    /// Pace and deadlines of its link.
+    fn profile(&self) -> LinkProfile;
+    /// Query for the identity.
+    fn identity_query(&self) -> &'static str;
+    /// Whether an identity answer is this dialect's.
+    fn recognises(&self, identity: &Identity) -> bool;
+    /// Range of set-points.
+    fn range(&self) -> (Celsius, Celsius);
+    /// Set-point, then start; or stop.
+    fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange>;
+    /// Queries for bath temperature and status.
+    fn queries(&self) -> [&'static str; 2];
+    /// Reads a status answer.
+    fn status(&self, answer: &str) -> Status;
+}
+
+/// Every known model.
+pub const DIALECTS: &[&dyn Dialect] = &[&julabo::JULABO];
+
+/// A chiller on its link.
+pub struct Chiller {
+    link: Link,
+    dialect: &'static dyn Dialect,
+}
+
+impl Chiller {
+    /// Puts a dialect on a link. Sends nothing.
+    pub fn new(link: Link, dialect: &'static dyn Dialect) -> Self {
+        Self { link, dialect }
+    }
+
+    /// Range of set-points.
+    pub fn range(&self) -> (Celsius, Celsius) {
+        self.dialect.range()
+    }
+
+    /// Asks who it is; changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn identify(&mut self) -> Result<Identity, LinkError> {
+        Ok(Identity::parse(&self.link.query(self.dialect.identity_query()).await?))
+    }
+
+    /// State and alarms.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn status(&mut self) -> Result<Status, LinkError> {
+        let answer = self.link.query(self.dialect.queries()[1]).await?;
+        Ok(self.dialect.status(&answer))
+    }
+
+    /// Sets the temperature and starts; read back, for this family ignores commands silently while in manual mode.
+    ///
+    /// # Errors
+    /// The link's; manual mode; an alarm.
+    pub async fn start(&mut self, setpoint: Celsius) -> Result<(), LinkError> {
+        let status = self.status().await?;
+        if !status.remote {
+            let expected = "remote mode (set it on the panel: in manual mode commands are ignored)";
+            return Err(LinkError::unexpected(self.link.name(), self.dialect.queries()[1], &status.raw, expected));
+        }
+        if let Some(alarm) = &status.alarm {
+            return Err(LinkError::unexpected(self.link.name(), self.dialect.queries()[1], alarm, "no alarm"));
+        }
+        play(&mut self.link, &self.dialect.run(Some(setpoint))).await
+    }
+
+    /// Stops the chiller.
+    ///
+    /// # Errors
+    /// The link's; a read-back that differs.
+    pub async fn stop(&mut self) -> Result<(), LinkError> {
+        play(&mut self.link, &self.dialect.run(None)).await
+    }
+
+    /// Temperature of the bath.
+    ///
+    /// # Errors
+    /// The link's; an answer that is no number.
+    pub async fn temperature(&mut self) -> Result<Celsius, LinkError> {
+        let query = self.dialect.queries()[0];
+        let answer = self.link.query(query).await?;
+        leading_number(&answer).map(Celsius).ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a temperature"))
+    }
+
+    /// The link, for reconnecting.
+    pub fn link_mut(&mut self) -> &mut Link {
+        &mut self.link
+    }
+}

@@ -1,1 +1,149 @@
-//! Placeholder.
+//! The bipolar (four-quadrant) supply that drives current through the cell, commanded by an analog input.
+//!
+//! Bring-up order (and the reverse on the way down): output off, mode, limits, zero, analog select, output on. The generator must be at zero
+//! whenever the output is switched on; that is the caller's business, for this module knows one instrument only.
+
+mod kepco;
+
+use std::time::Duration;
+
+use crate::{
+    exchange::{Exchange, Identity, leading_number, play},
+    link::{Link, LinkError, LinkProfile},
+    units::{Amps, Volts},
+};
+
+/// How the analog input is made to command the output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AnalogSelect {
+    /// A command selects it, and another takes it back.
+    Command,
+    /// Switches and the rear connector select it: it drives the output whenever the output is on, whatever is sent.
+    Wiring,
+}
+
+/// What a model can do.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Capabilities {
+    /// How the analog input is selected.
+    pub analog_select: AnalogSelect,
+    /// Rated current; ± this is full scale of the analog input.
+    pub full_scale: Amps,
+    /// Rated voltage.
+    pub full_scale_voltage: Volts,
+    /// Analog input for full scale.
+    pub analog_full_scale: Volts,
+    /// The output can be told to be high-impedance when off.
+    pub open_when_off: bool,
+}
+
+/// Limits programmed into the instrument before it is energised.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Compliance voltage in current mode.
+    pub compliance: Volts,
+    /// Greatest current of either sign.
+    pub current: Amps,
+}
+
+/// One model's language.
+pub trait Dialect: Send + Sync {
+    /// The name in a bench file.
+    fn key(&self) -> &'static str;
+    /// Pace and deadlines of its link.
+    fn profile(&self) -> LinkProfile;
+    /// What it can do.
+    fn capabilities(&self) -> Capabilities;
+    /// Whether an identity answer is this dialect's.
+    fn recognises(&self, identity: &Identity) -> bool;
+    /// Output off (the first and the last thing).
+    fn output(&self, on: bool) -> Vec<Exchange>;
+    /// Current mode, limits, zero set-point; assumes the output is off.
+    fn prepare(&self, limits: &Limits) -> Vec<Exchange>;
+    /// Hands the output to the analog input, or takes it back.
+    fn analog(&self, on: bool) -> Vec<Exchange>;
+    /// Queries for terminal voltage and current.
+    fn measure(&self) -> [&'static str; 2];
+}
+
+/// Every known model.
+pub const DIALECTS: &[&dyn Dialect] = &[&kepco::BOP_MG, &kepco::BOP_LINEAR];
+
+/// A bipolar supply on its link.
+pub struct Supply4q {
+    link: Link,
+    dialect: &'static dyn Dialect,
+}
+
+impl Supply4q {
+    /// Puts a dialect on a link. Sends nothing.
+    pub fn new(link: Link, dialect: &'static dyn Dialect) -> Self {
+        Self { link, dialect }
+    }
+
+    /// What the model can do.
+    pub fn capabilities(&self) -> Capabilities {
+        self.dialect.capabilities()
+    }
+
+    /// Asks who it is; changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn identify(&mut self) -> Result<Identity, LinkError> {
+        Ok(Identity::parse(&self.link.query("*IDN?").await?))
+    }
+
+    /// Output off, then current mode with zero current and the limits read back. The cell is not yet connected to anything that drives it.
+    ///
+    /// # Errors
+    /// The first message that was refused or whose read-back was wrong.
+    pub async fn prepare(&mut self, limits: &Limits) -> Result<(), LinkError> {
+        play(&mut self.link, &self.dialect.output(false)).await?;
+        play(&mut self.link, &self.dialect.prepare(limits)).await
+    }
+
+    /// Hands the output to the analog input and switches it on. The caller holds the generator at zero volts.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub async fn energise(&mut self) -> Result<(), LinkError> {
+        play(&mut self.link, &self.dialect.analog(true)).await?;
+        play(&mut self.link, &self.dialect.output(true)).await
+    }
+
+    /// Output off, read back; then back to the digital set-point. Safe at any time, also twice.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`]; the output command is sent first, so that a later failure leaves it off.
+    pub async fn safe(&mut self) -> Result<(), LinkError> {
+        play(&mut self.link, &self.dialect.output(false)).await?;
+        play(&mut self.link, &self.dialect.analog(false)).await
+    }
+
+    /// Terminal voltage and current (charge positive).
+    ///
+    /// # Errors
+    /// The link's, or [`LinkError`] for an answer that is no number.
+    pub async fn measure(&mut self) -> Result<(Volts, Amps), LinkError> {
+        let [volts, amps] = self.dialect.measure();
+        Ok((Volts(number(&mut self.link, volts).await?), Amps(number(&mut self.link, amps).await?)))
+    }
+
+    /// The link, for reconnecting.
+    pub fn link_mut(&mut self) -> &mut Link {
+        &mut self.link
+    }
+}
+
+/// Asks for one number.
+pub(crate) async fn number(link: &mut Link, query: &str) -> Result<f64, LinkError> {
+    let answer = link.query(query).await?;
+    leading_number(&answer).ok_or_else(|| LinkError::unexpected(link.name(), query, &answer, "a number"))
+}
+
+/// Milliseconds, for profiles.
+pub(crate) const fn ms(milliseconds: u64) -> Duration {
+    Duration::from_millis(milliseconds)
+}

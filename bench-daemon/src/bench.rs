@@ -1,0 +1,293 @@
+//! The named instruments of one bench: opened, asked who they are, brought into safe state. Opening changes nothing on any of them.
+
+use std::collections::BTreeMap;
+
+use instruments::{
+    chiller::{self, Chiller},
+    clock::Clock,
+    exchange::Identity,
+    generator::{self, Generator},
+    jig::Jig,
+    link::{Link, LinkError, LinkOptions, LinkProfile},
+    load::{self, Load},
+    logger::{self, Logger},
+    scope::{self, Scope},
+    supply::{self, Supply},
+    supply4q::{self, Supply4q},
+    transcript::Tap,
+    transport::MemoryHub,
+};
+
+use crate::config;
+
+/// What stands in the way of using a bench.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// An instrument does not answer as it must.
+    #[error("{role} ({model}): {source}")]
+    Link {
+        /// Its role.
+        role: &'static str,
+        /// Its model in the configuration.
+        model: String,
+        /// What happened.
+        source: Box<LinkError>,
+    },
+    /// Another model answers than the configuration says.
+    #[error("{role}: expected a {model}, found {found:?} at {address}; check model and address in the bench file")]
+    Identity {
+        /// Its role.
+        role: &'static str,
+        /// Its model in the configuration.
+        model: String,
+        /// Its address.
+        address: String,
+        /// Its answer.
+        found: String,
+    },
+    /// A step needs a role that the bench lacks.
+    #[error("the bench has no {role}, which this step needs")]
+    Missing {
+        /// The role.
+        role: &'static str,
+    },
+    /// A key without a dialect: the configuration should have refused it.
+    #[error("{role}: no dialect {model:?}")]
+    Dialect {
+        /// The role.
+        role: &'static str,
+        /// The key.
+        model: String,
+    },
+}
+
+/// What all links of a bench share.
+pub struct Connections {
+    /// Bench time.
+    pub clock: Clock,
+    /// In-process streams.
+    pub hub: MemoryHub,
+    /// Where each instrument's conversation is written, by role.
+    pub taps: BTreeMap<&'static str, Tap>,
+}
+
+/// The instruments of one bench.
+pub struct Bench {
+    /// Bipolar supply.
+    pub supply4q: Option<Supply4q>,
+    /// Signal generator.
+    pub generator: Option<Generator>,
+    /// Oscilloscope.
+    pub scope: Option<Scope>,
+    /// DC load.
+    pub load: Option<Load>,
+    /// DC supply.
+    pub supply: Option<Supply>,
+    /// Chiller.
+    pub chiller: Option<Chiller>,
+    /// Logger, whose first channel is the cell's.
+    pub logger: Option<Logger>,
+    /// The jig, where a device changes the fixture.
+    pub jig: Option<Jig>,
+    models: BTreeMap<&'static str, config::Instrument>,
+}
+
+/// An instrument's identity, for the manifest.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct Identified {
+    /// Its role.
+    pub role: &'static str,
+    /// Its model in the configuration.
+    pub model: String,
+    /// Its address.
+    pub address: String,
+    /// What it says of itself.
+    pub identity: Identity,
+    /// Whether that is what the configuration says.
+    pub recognised: bool,
+}
+
+macro_rules! open {
+    ($module:ident, $connections:expr, $role:literal, $instrument:expr) => {
+        match $instrument {
+            None => None,
+            Some(instrument) => {
+                let dialect = $module::DIALECTS
+                    .iter()
+                    .copied()
+                    .find(|dialect| dialect.key() == instrument.model)
+                    .ok_or_else(|| BenchError::Dialect { role: $role, model: instrument.model.clone() })?;
+                Some((link($connections, $role, instrument, dialect.profile()).await?, dialect))
+            }
+        }
+    };
+}
+
+impl Bench {
+    /// Connects to every instrument; sends nothing.
+    ///
+    /// # Errors
+    /// The first instrument that cannot be reached.
+    pub async fn open(config: &config::Bench, connections: &Connections) -> Result<Self, BenchError> {
+        let instruments = &config.instruments;
+        let channel = config.wiring.generator_channel;
+        let logger_channels = instruments
+            .logger
+            .as_ref()
+            .map_or_else(Vec::new, |(_, cell, ambient)| std::iter::once(*cell).chain(*ambient).collect());
+        let jig = match &instruments.jig {
+            Some(config::Jig::Device(instrument)) => Some(Jig::new(link(connections, "jig", instrument, Jig::profile()).await?)),
+            Some(config::Jig::Person) | None => None,
+        };
+        Ok(Self {
+            supply4q: open!(supply4q, connections, "supply4q", &instruments.supply4q).map(|(link, d)| Supply4q::new(link, d)),
+            generator: open!(generator, connections, "generator", &instruments.generator).map(|(link, d)| Generator::new(link, d, channel)),
+            scope: open!(scope, connections, "scope", &instruments.scope).map(|(link, d)| Scope::new(link, d)),
+            load: open!(load, connections, "load", &instruments.load).map(|(link, d)| Load::new(link, d)),
+            supply: open!(supply, connections, "supply", &instruments.supply).map(|(link, d)| Supply::new(link, d)),
+            chiller: open!(chiller, connections, "chiller", &instruments.chiller).map(|(link, d)| Chiller::new(link, d)),
+            logger: open!(logger, connections, "logger", &instruments.logger.as_ref().map(|(instrument, _, _)| instrument))
+                .map(|(link, d)| Logger::new(link, d, logger_channels)),
+            jig,
+            models: instruments.addressed().into_iter().map(|(role, instrument)| (role, instrument.clone())).collect(),
+        })
+    }
+
+    /// Asks every instrument who it is; changes nothing. What is not the configured model is marked, not refused.
+    ///
+    /// # Errors
+    /// The first instrument that does not answer.
+    pub async fn identify(&mut self) -> Result<Vec<Identified>, BenchError> {
+        let mut found = Vec::new();
+        macro_rules! ask {
+            ($role:literal, $field:ident, $recognises:expr) => {
+                if let Some(instrument) = self.$field.as_mut() {
+                    let identity = instrument.identify().await;
+                    let config = self.models.get($role).ok_or(BenchError::Missing { role: $role })?;
+                    let identity = identity.map_err(|source| wrap($role, &config.model, source))?;
+                    let recognised = $recognises(config.model.as_str(), &identity);
+                    found.push(Identified {
+                        role: $role,
+                        model: config.model.clone(),
+                        address: config.address.to_string(),
+                        identity,
+                        recognised,
+                    });
+                }
+            };
+        }
+        macro_rules! table {
+            ($module:ident) => {
+                |model: &str, identity: &Identity| $module::DIALECTS.iter().any(|d| d.key() == model && d.recognises(identity))
+            };
+        }
+        ask!("supply4q", supply4q, table!(supply4q));
+        ask!("generator", generator, table!(generator));
+        ask!("scope", scope, table!(scope));
+        ask!("load", load, table!(load));
+        ask!("supply", supply, table!(supply));
+        ask!("chiller", chiller, table!(chiller));
+        ask!("logger", logger, table!(logger));
+        ask!("jig", jig, |_: &str, _: &Identity| true);
+        Ok(found)
+    }
+
+    /// As [`Self::identify`], and refuses an instrument that is not the configured model.
+    ///
+    /// # Errors
+    /// Also [`BenchError::Identity`].
+    pub async fn identify_strictly(&mut self) -> Result<Vec<Identified>, BenchError> {
+        let found = self.identify().await?;
+        match found.iter().find(|instrument| !instrument.recognised) {
+            None => Ok(found),
+            Some(other) => Err(BenchError::Identity {
+                role: other.role,
+                model: other.model.clone(),
+                address: other.address.clone(),
+                found: other.identity.raw.clone(),
+            }),
+        }
+    }
+
+    /// Switches everything off that can move charge, in the order that cannot harm the cell, each read back: first what drives the cell, then its
+    /// command, then load and charger. Every instrument is tried, whatever happens to the others; a dropped link is reconnected first.
+    ///
+    /// # Errors
+    /// Every instrument whose safe state could not be verified.
+    pub async fn safe_state(&mut self) -> Result<(), Vec<BenchError>> {
+        let mut failures = Vec::new();
+        macro_rules! make_safe {
+            ($role:literal, $field:ident) => {
+                if let Some(instrument) = self.$field.as_mut() {
+                    let mut result = instrument.safe().await;
+                    if result.is_err() {
+                        // One more try on a fresh connection: switching off is idempotent.
+                        result = match instrument.link_mut().reconnect().await {
+                            Ok(()) => instrument.safe().await,
+                            Err(error) => Err(error),
+                        };
+                    }
+                    if let Err(source) = result {
+                        let model = self.models.get($role).map_or("", |instrument| instrument.model.as_str());
+                        failures.push(wrap($role, model, source));
+                    }
+                }
+            };
+        }
+        make_safe!("supply4q", supply4q);
+        make_safe!("generator", generator);
+        make_safe!("load", load);
+        make_safe!("supply", supply);
+        if failures.is_empty() { Ok(()) } else { Err(failures) }
+    }
+
+    /// Drops and reopens every link that can switch something: after a step was cut off in the middle of an exchange, the next answer on its link
+    /// would be the last question's.
+    pub async fn reconnect_outputs(&mut self) {
+        macro_rules! again {
+            ($field:ident) => {
+                if let Some(instrument) = self.$field.as_mut() {
+                    if let Err(error) = instrument.link_mut().reconnect().await {
+                        tracing::warn!("{error}");
+                    }
+                }
+            };
+        }
+        again!(supply4q);
+        again!(generator);
+        again!(load);
+        again!(supply);
+    }
+
+    /// The model that the configuration gives a role.
+    pub fn model(&self, role: &str) -> &str {
+        self.models.get(role).map_or("", |instrument| instrument.model.as_str())
+    }
+
+    /// Wraps a link's error with its role.
+    pub fn error(&self, role: &'static str) -> impl Fn(LinkError) -> BenchError + use<> {
+        let model = self.model(role).to_owned();
+        move |source| wrap(role, &model, source)
+    }
+}
+
+fn wrap(role: &'static str, model: &str, source: LinkError) -> BenchError {
+    BenchError::Link { role, model: model.to_owned(), source: Box::new(source) }
+}
+
+async fn link(
+    connections: &Connections,
+    role: &'static str,
+    instrument: &config::Instrument,
+    profile: LinkProfile,
+) -> Result<Link, BenchError> {
+    let options = LinkOptions {
+        name: role.to_owned(),
+        address: instrument.address.clone(),
+        profile,
+        clock: connections.clock.clone(),
+        hub: connections.hub.clone(),
+        tap: connections.taps.get(role).cloned().unwrap_or_else(Tap::none),
+    };
+    Link::open(options).await.map_err(|source| wrap(role, &instrument.model, source))
+}

@@ -1,0 +1,174 @@
+//! The command line: arguments → command → exit code.
+
+use std::{path::PathBuf, process::ExitCode};
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::{
+    command::{self, Failure},
+    logging::{self, Verbosity},
+};
+
+const EXAMPLES: &str = "\
+Examples:
+  eis-bench run configs/experiments/demo.toml          the whole job on the built-in simulated bench, in seconds
+  eis-bench plan configs/experiments/thesis.toml       what would be done, and for how long, without touching anything
+  eis-bench identify configs/benches/thesis.toml       who answers at the configured addresses; changes nothing
+  eis-bench mock configs/benches/demo.toml --json      the simulated instruments on real ports, until Ctrl-C
+  eis-bench fit SPECTRUM.csv --rc all                  fit the extended Randles model to spectra from anywhere
+
+Exit codes:
+  0  done
+  1  something unexpected
+  2  the command line or a file is not as expected; nothing was energised
+  3  an instrument cannot be reached, answers wrongly or disobeys
+  4  the fixture check failed: the bench is not to be believed
+  5  the interlock tripped
+  6  safe state could not be verified: LOOK AT THE BENCH
+  130  stopped by Ctrl-C; the bench was brought into safe state";
+
+/// Runs a battery test bench and turns what it measures into a model that a robot can trust.
+#[derive(Debug, Parser)]
+#[command(name = "eis-bench", version, after_help = EXAMPLES, max_term_width = 120)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// Show every step (-v) or everything (-vv) on standard error.
+    #[arg(short, long, action = clap::ArgAction::Count, global = true)]
+    verbose: u8,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run an experiment: fixture check, SOC reset, sweep, fits, report.
+    Run(RunArgs),
+    /// Print what an experiment would do, step by step, with its duration. Touches nothing.
+    Plan(PlanArgs),
+    /// Serve the simulated instruments of a bench on real ports until stopped.
+    Mock(MockArgs),
+    /// Ask every instrument of a bench who it is. Changes nothing on any of them.
+    Identify(IdentifyArgs),
+    /// Fit the extended Randles model to spectra.
+    Fit(FitArgs),
+}
+
+/// Arguments of `run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// The experiment file.
+    pub experiment: PathBuf,
+    /// Another bench file than the experiment names.
+    #[arg(long, value_name = "FILE")]
+    pub bench: Option<PathBuf>,
+    /// The run folder [default: runs/NAME, runs/NAME-2, …]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Another seed than the experiment's, for the simulation and the fits' searches.
+    #[arg(long)]
+    pub seed: Option<u64>,
+}
+
+/// Arguments of `plan`.
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// The experiment file.
+    pub experiment: PathBuf,
+    /// Another bench file than the experiment names.
+    #[arg(long, value_name = "FILE")]
+    pub bench: Option<PathBuf>,
+}
+
+/// Arguments of `mock`.
+#[derive(Debug, Args)]
+pub struct MockArgs {
+    /// The bench file; needs a [simulation] section.
+    pub bench: PathBuf,
+    /// Print the addresses as one line of JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Bench time: `real` or `scaled:FACTOR`; overrides the bench file. Clients must run at the same pace: --write-bench tells them.
+    #[arg(long, value_name = "MODE")]
+    pub time: Option<String>,
+    /// Seed of the simulated world.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Write a copy of the bench file with the real addresses, for `run --bench`.
+    #[arg(long, value_name = "FILE")]
+    pub write_bench: Option<PathBuf>,
+}
+
+/// Arguments of `identify`.
+#[derive(Debug, Args)]
+pub struct IdentifyArgs {
+    /// The bench file.
+    pub bench: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `fit`.
+#[derive(Debug, Args)]
+pub struct FitArgs {
+    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis' `freq,offset,resistance,theta`.
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// One fit over all spectra instead of one for each.
+    #[arg(long)]
+    pub pool: bool,
+    /// Orders: a number of RC pairs, several with commas, or `all` for 1 to 4.
+    #[arg(long, default_value = "all", value_name = "N|all")]
+    pub rc: String,
+    /// What is minimised: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only) or `complex` (least squares).
+    #[arg(long, default_value = "complex")]
+    pub objective: String,
+    /// Seed of the global search.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Write models, plots and a report into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command line of this process.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    logging::start(match cli.verbose {
+        0 => Verbosity::Normal,
+        1 => Verbosity::Verbose,
+        _ => Verbosity::Debug,
+    });
+    let result = match cli.command {
+        Command::Run(args) => command::run::run(&args),
+        Command::Plan(args) => command::plan::plan(&args),
+        Command::Mock(args) => command::mock::mock(&args),
+        Command::Identify(args) => command::identify::identify(&args),
+        Command::Fit(args) => command::fit::fit(&args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("eis-bench: {failure}");
+            ExitCode::from(Failure::exit_code(&failure))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_sound_and_its_help_teaches() {
+        Cli::command().debug_assert();
+        let help = Cli::command().render_long_help().to_string();
+        for text in ["run", "plan", "mock", "identify", "fit", "Examples:", "Exit codes:"] {
+            assert!(help.contains(text), "{help}");
+        }
+    }
+}

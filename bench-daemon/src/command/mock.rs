@@ -1,0 +1,90 @@
+//! `eis-bench mock`: the simulated instruments on real ports.
+
+use std::path::Path;
+
+use instruments::clock::{Clock, TimeMode};
+
+use crate::{
+    cli::MockArgs,
+    command::Failure,
+    config::{Source, load_bench},
+    sim::{Served, SimError, Simulation},
+};
+
+/// Serves the simulated instruments of a bench until it is stopped.
+///
+/// # Errors
+/// A mistake in the files; a port that is taken.
+pub fn mock(args: &MockArgs) -> Result<(), Failure> {
+    let (bench, source) = load_bench(&args.bench)?;
+    let section = bench.simulation.as_ref().ok_or_else(|| SimError::Real { path: args.bench.clone() })?;
+    let mode = match &args.time {
+        Some(text) => text.parse::<TimeMode>().map_err(|error| Failure::Usage(format!("--time: {error}")))?,
+        // In virtual time nothing waits for a client on a real port.
+        None if section.time == TimeMode::Virtual => TimeMode::Real,
+        None => section.time,
+    };
+    if mode == TimeMode::Virtual {
+        return Err(Failure::Usage("--time: expected `real` or `scaled:FACTOR`: real ports cannot answer in virtual time".to_owned()));
+    }
+    Clock::runtime(mode)?.block_on(async {
+        let clock = Clock::start(mode);
+        let simulation = Simulation::new(&section.scenario, args.seed)?;
+        let served = simulation.serve_on_ports(&bench, &clock).await?;
+        if let Some(path) = &args.write_bench {
+            write_bench(path, &source, &served, mode)?;
+        }
+        if args.json {
+            let addresses: serde_json::Map<String, serde_json::Value> =
+                served.iter().map(|mock| (mock.role.to_owned(), mock.address.clone().into())).collect();
+            println!("{}", serde_json::json!({ "bench": bench.name, "time": mode.to_string(), "addresses": addresses }));
+        } else {
+            println!("bench {} in {mode} time; Ctrl-C ends it", bench.name);
+            for mock in &served {
+                println!("  {:<10} {:<20} {}", mock.role, mock.model, mock.address);
+            }
+        }
+        tokio::signal::ctrl_c().await?;
+        Ok(())
+    })
+}
+
+/// The bench file with other addresses and the time of the mocks; everything else stays as it was typed.
+fn write_bench(path: &Path, source: &Source, served: &[Served], mode: TimeMode) -> Result<(), Failure> {
+    let mut section = String::new();
+    let mut text = String::new();
+    let scenario_folder = source.path().parent().unwrap_or(Path::new(".")).canonicalize()?;
+    for line in source.text().lines() {
+        let trimmed = line.trim();
+        if trimmed.starts_with('[') {
+            section = trimmed.trim_matches(['[', ']']).to_owned();
+        }
+        let key = trimmed.split('=').next().unwrap_or("").trim();
+        let address = served.iter().find(|mock| section == format!("instruments.{}", mock.role)).filter(|_| key == "address");
+        match (address, section.as_str(), key) {
+            (Some(mock), _, _) => text.push_str(&format!("address = {:?}\n", mock.address)),
+            (None, "simulation", "time") => {}
+            (None, "simulation", "scenario") => {
+                let value = trimmed.split_once('=').map_or("", |(_, value)| value).trim().trim_matches('"');
+                text.push_str(&format!("scenario = {:?}\ntime = {:?}\n", scenario_folder.join(value), mode.to_string()));
+            }
+            _ => {
+                text.push_str(line);
+                text.push('\n');
+            }
+        }
+    }
+    std::fs::write(path, text).map_err(|error| Failure::Usage(format!("--write-bench {}: {error}", path.display())))?;
+    // What was written must be read back as a bench: a file in another style (inline tables) would keep its old addresses.
+    let (bench, _) = load_bench(path)?;
+    let addressed = bench.instruments.addressed();
+    let missed = served.iter().find(|mock| !addressed.iter().any(|(role, found)| *role == mock.role && found.address.to_string() == mock.address));
+    match missed {
+        None => Ok(()),
+        Some(mock) => Err(Failure::Usage(format!(
+            "--write-bench: expected `address = \"…\"` on a line of its own under [instruments.{}] in {}",
+            mock.role,
+            source.path().display()
+        ))),
+    }
+}

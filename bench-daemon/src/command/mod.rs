@@ -1,0 +1,73 @@
+//! What the command line does, one file per command.
+
+pub mod fit;
+pub mod identify;
+pub mod mock;
+pub mod plan;
+pub mod run;
+
+use crate::{bench::BenchError, config::ConfigError, executor::ExecuteError, plan::PlanError, record::RecordError, sim::SimError};
+
+/// Why a command ended without its result.
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    /// A file or an argument.
+    #[error("{0}")]
+    Usage(String),
+    /// A configuration file.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// A plan that would leave the limits.
+    #[error("the plan is refused: {0}")]
+    Plan(#[from] PlanError),
+    /// A bench that cannot be used.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// A simulation that cannot be made.
+    #[error(transparent)]
+    Sim(#[from] SimError),
+    /// A file that cannot be written.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// A step that failed.
+    #[error(transparent)]
+    Execute(#[from] ExecuteError),
+    /// The fixture check.
+    #[error("fixture check failed: {0}")]
+    FixtureCheck(String),
+    /// Ctrl-C.
+    #[error("stopped by Ctrl-C; finished points are in {0}")]
+    Interrupted(String),
+    /// The outputs may be on.
+    #[error("SAFE STATE COULD NOT BE VERIFIED, LOOK AT THE BENCH: {failures}{cause}")]
+    Unsafe {
+        /// What could not be switched off or read back.
+        failures: String,
+        /// What went wrong before.
+        cause: String,
+    },
+    /// A result that cannot be computed or drawn.
+    #[error("{0}")]
+    Analysis(String),
+    /// The machine.
+    #[error("{0}")]
+    System(#[from] std::io::Error),
+}
+
+impl Failure {
+    /// The exit code; `eis-bench --help` lists them.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Usage(_) | Self::Config(_) | Self::Plan(_) => 2,
+            Self::Sim(SimError::Config(_) | SimError::Real { .. } | SimError::Model { .. }) => 2,
+            Self::Record(RecordError::NotEmpty { .. }) => 2,
+            Self::Bench(_) | Self::Sim(SimError::Port { .. }) => 3,
+            Self::Execute(ExecuteError::Trip(_)) => 5,
+            Self::Execute(ExecuteError::Record(_)) | Self::Record(_) | Self::Analysis(_) | Self::System(_) => 1,
+            Self::Execute(_) => 3,
+            Self::FixtureCheck(_) => 4,
+            Self::Unsafe { .. } => 6,
+            Self::Interrupted(_) => 130,
+        }
+    }
+}

@@ -1,0 +1,326 @@
+//! `eis-bench run`: from an experiment file to a fitted model.
+//!
+//! Whatever happens after the first instrument was opened, the bench is brought into safe state before this returns.
+
+mod results;
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use analysis::{calibration::Correction, dataset, spectrum::Spectrum};
+use instruments::{
+    clock::{self, Clock, TimeMode},
+    mock::plant::Fixture,
+    transport::{Address, MemoryHub},
+};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use crate::{
+    bench::{Bench, BenchError, Connections, Identified},
+    cli::RunArgs,
+    command::Failure,
+    config::{self, Experiment, load_experiment},
+    executor::{ExecuteError, Executor, SweepPoint},
+    fixture_check::{self, ControlResult},
+    logging,
+    operator::Operator,
+    plan::{Checked, Purpose},
+    procedure,
+    progress::Progress,
+    record::Recorder,
+    sim::Simulation,
+};
+
+/// What a run measured.
+#[derive(Debug)]
+pub struct Measured {
+    /// The controls' verdicts.
+    pub controls: Vec<ControlResult>,
+    /// Points as read, by fixture.
+    pub sweeps: BTreeMap<&'static str, Vec<SweepPoint>>,
+    /// The correction of the bench.
+    pub correction: Correction,
+    /// The corrected spectrum of the cell.
+    pub spectrum: Spectrum,
+}
+
+/// What ran, for whoever wants to run it again.
+#[derive(Debug, Serialize)]
+struct Manifest<'a> {
+    program: &'static str,
+    version: &'static str,
+    experiment: &'a str,
+    bench: &'a str,
+    cell: &'a config::Cell,
+    seed: u64,
+    time: String,
+    simulated: bool,
+    config_sha256: String,
+    files: BTreeMap<String, String>,
+    started_unix_s: Option<f64>,
+    instruments: &'a [Identified],
+    status: &'a str,
+    bench_time_s: f64,
+}
+
+/// Runs an experiment.
+///
+/// # Errors
+/// A mistake in the files, before anything is energised; later anything that ended the run, the bench in safe state.
+pub fn run(args: &RunArgs) -> Result<(), Failure> {
+    let mut experiment = load_experiment(&args.experiment, args.bench.as_deref())?;
+    experiment.seed = args.seed.unwrap_or(experiment.seed);
+    let folder = args.out.clone().unwrap_or_else(|| free_folder(&experiment.name));
+    let finished = run_experiment(&experiment, &folder)?;
+    print!("{}", finished.summary);
+    Ok(())
+}
+
+/// A run that went to its end.
+pub struct Finished {
+    /// What was measured.
+    pub measured: Measured,
+    /// What the terminal shows.
+    pub summary: String,
+    /// The simulated world, where there is one in this process.
+    pub simulation: Option<Simulation>,
+}
+
+/// Runs an experiment into a folder.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_experiment(experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
+    let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
+    let operator = Operator::detect();
+    refuse_without_person(experiment, operator)?;
+    let mode = experiment.bench.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time);
+    Clock::runtime(mode)?.block_on(async {
+        let clock = Clock::start(mode);
+        let recorder = Recorder::create(folder, clock.clone())?;
+        logging::log_to(&recorder.path("log.txt"), &clock)?;
+        Box::pin(Run { experiment, plan: &plan, clock, operator, recorder }.go()).await
+    })
+}
+
+/// A sweep that begins with a person changing the fixture must not fail in the middle of the night for want of one.
+fn refuse_without_person(experiment: &Experiment, operator: Operator) -> Result<(), Failure> {
+    let person = matches!(experiment.bench.instruments.jig, Some(config::Jig::Person));
+    if person && experiment.fixture_check.is_some() && operator == Operator::Nobody {
+        return Err(Failure::Usage(crate::operator::OperatorError::NoTerminal.to_string()));
+    }
+    Ok(())
+}
+
+fn free_folder(name: &str) -> PathBuf {
+    let taken = |path: &Path| std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some());
+    let first = PathBuf::from("runs").join(name);
+    if !taken(&first) {
+        return first;
+    }
+    (2_u32..).map(|number| PathBuf::from("runs").join(format!("{name}-{number}"))).find(|path| !taken(path)).unwrap_or(first)
+}
+
+struct Run<'a> {
+    experiment: &'a Experiment,
+    plan: &'a Checked,
+    clock: Clock,
+    operator: Operator,
+    recorder: Recorder,
+}
+
+impl Run<'_> {
+    async fn go(mut self) -> Result<Finished, Failure> {
+        for source in &self.experiment.sources {
+            let name = source.path().file_name().map_or_else(|| "config.toml".into(), |name| name.to_string_lossy());
+            self.recorder.text(&format!("config/{}_{name}", folder_of(source.path())), source.text())?;
+        }
+        let hub = MemoryHub::new();
+        let simulation = self.simulate(&hub)?;
+        if let Some(simulation) = &simulation {
+            self.recorder.text("config/scenario.toml", simulation.scenario.text())?;
+        }
+        let mut taps = BTreeMap::new();
+        for (role, _) in self.experiment.bench.instruments.addressed() {
+            taps.insert(role, self.recorder.tap(role)?);
+        }
+        let connections = Connections { clock: self.clock.clone(), hub, taps };
+        let mut bench = Bench::open(&self.experiment.bench, &connections).await?;
+        let identities = bench.identify_strictly().await?;
+        self.manifest(&identities, "running")?;
+        let progress = Progress::new(self.plan.plan());
+        let outcome = tokio::select! {
+            outcome = drive((&mut bench, &mut self.recorder), self.experiment, self.plan, (&self.clock, &self.operator, &progress)) => outcome,
+            _ = tokio::signal::ctrl_c() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+        };
+        progress.finish();
+        if matches!(outcome, Err(Failure::Interrupted(_))) {
+            bench.reconnect_outputs().await;
+        }
+        let outcome = safe(bench.safe_state().await, outcome);
+        for (role, tap) in &connections.taps {
+            if let Some(error) = tap.take_error() {
+                self.recorder.warning(&format!("the transcript of {role} is incomplete: {error}"));
+            }
+        }
+        match outcome {
+            Ok(measured) => {
+                let summary = results::write(&mut self.recorder, self.experiment, &measured)?;
+                self.manifest(&identities, "finished")?;
+                Ok(Finished { measured, summary, simulation })
+            }
+            Err(failure) => {
+                tracing::error!("{failure}");
+                self.manifest(&identities, &format!("ended early: {failure}"))?;
+                Err(failure)
+            }
+        }
+    }
+
+    /// The world behind in-process addresses; with addresses on real ports somebody else serves it.
+    fn simulate(&self, hub: &MemoryHub) -> Result<Option<Simulation>, Failure> {
+        let bench = &self.experiment.bench;
+        let in_process = bench.instruments.addressed().iter().any(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));
+        let Some(section) = bench.simulation.as_ref().filter(|_| in_process) else { return Ok(None) };
+        let simulation = Simulation::new(&section.scenario, self.experiment.seed)?;
+        simulation.serve_in_process(bench, &self.clock, hub)?;
+        Ok(Some(simulation))
+    }
+
+    fn manifest(&self, instruments: &[Identified], status: &str) -> Result<(), Failure> {
+        let mode = self.clock.mode();
+        let mut whole = Sha256::new();
+        let mut files = BTreeMap::new();
+        for source in &self.experiment.sources {
+            whole.update(source.text());
+            files.insert(source.path().display().to_string(), hex(&Sha256::digest(source.text())));
+        }
+        let manifest = Manifest {
+            program: "eis-bench",
+            version: env!("CARGO_PKG_VERSION"),
+            experiment: &self.experiment.name,
+            bench: &self.experiment.bench.name,
+            cell: &self.experiment.cell,
+            seed: self.experiment.seed,
+            time: mode.to_string(),
+            simulated: self.experiment.bench.simulation.is_some(),
+            config_sha256: hex(&whole.finalize()),
+            files,
+            // In virtual time the calendar has no meaning, and two runs are to write the same file.
+            started_unix_s: (mode != TimeMode::Virtual).then(|| clock::unix_time_s() - self.clock.now_s()),
+            instruments,
+            status,
+            bench_time_s: (self.clock.now_s() * 1.0e3).round() / 1.0e3,
+        };
+        Ok(self.recorder.json("manifest.json", &manifest)?)
+    }
+}
+
+/// Executes the plan, stage by stage, and judges the controls as soon as they are measured.
+async fn drive(
+    (bench, recorder): (&mut Bench, &mut Recorder),
+    experiment: &Experiment,
+    plan: &Checked,
+    (clock, operator, progress): (&Clock, &Operator, &Progress),
+) -> Result<Measured, Failure> {
+    bench.safe_state().await.map_err(|mut failures| failures.pop().map_or(Failure::Interrupted(String::new()), Failure::from))?;
+    let mut measured = Measured {
+        controls: Vec::new(),
+        sweeps: BTreeMap::new(),
+        correction: Correction::none(experiment.bench.wiring.shunt),
+        spectrum: Spectrum { name: experiment.name.clone(), points: Vec::new() },
+    };
+    let mut executor = Executor::new((bench, recorder), experiment, clock.clone(), (operator, progress));
+    for stage in &plan.plan().stages {
+        let Purpose::Sweep(fixture) = stage.purpose else {
+            executor.stage(stage, &mut |_, _| Ok(())).await?;
+            continue;
+        };
+        if fixture == Fixture::Cell {
+            correct(executor.recorder, experiment, &mut measured)?;
+        }
+        let name = crate::plan::fixture_name(fixture);
+        let correction = measured.correction.clone();
+        let spectrum = &mut measured.spectrum.points;
+        let mut on_point = |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
+            let raw = fixture_check::raw_points(&experiment.bench, std::slice::from_ref(point));
+            for point in &raw {
+                recorder.spectrum_point(&format!("raw_{name}.csv"), point)?;
+            }
+            if fixture == Fixture::Cell {
+                let corrected = correction.apply(&point.phasors);
+                recorder.spectrum_point("spectrum.csv", &corrected)?;
+                spectrum.push(corrected);
+            }
+            for warning in &point.warnings {
+                recorder.warning(&format!("{name}, {:.4} Hz: {warning}", point.phasors.freq_hz));
+            }
+            Ok(())
+        };
+        let points = executor.stage(stage, &mut on_point).await?;
+        judge(executor.recorder, experiment, (fixture, &points), &mut measured)?;
+        measured.sweeps.insert(name, points);
+    }
+    dataset::write_spectrum_parquet(&executor.recorder.path("spectrum.parquet"), &measured.spectrum.points)
+        .map_err(crate::record::RecordError::from)?;
+    Ok(measured)
+}
+
+/// Stops the run when a control that was just measured is off as read.
+fn judge(
+    recorder: &mut Recorder,
+    experiment: &Experiment,
+    (fixture, points): (Fixture, &[SweepPoint]),
+    measured: &mut Measured,
+) -> Result<(), Failure> {
+    let tolerance = experiment.fixture_check.iter().flat_map(|check| &check.controls).find(|(control, _)| *control == fixture);
+    let Some((_, tolerance)) = tolerance else { return Ok(()) };
+    let result = fixture_check::judge_raw(&experiment.bench, fixture, tolerance, points);
+    let text = format!("{} as read: {}", result.control, result.raw.text);
+    recorder.event(&text).map_err(Failure::from)?;
+    let passed = result.raw.passed;
+    measured.controls.push(result);
+    recorder.json("controls.json", &measured.controls)?;
+    if passed { Ok(()) } else { Err(Failure::FixtureCheck(text)) }
+}
+
+/// Computes the correction from the controls and stops the run when it does not make them right.
+fn correct(recorder: &mut Recorder, experiment: &Experiment, measured: &mut Measured) -> Result<(), Failure> {
+    let Some(check) = &experiment.fixture_check else { return Ok(()) };
+    let sweep = |name: &str| measured.sweeps.get(name).map_or(&[][..], Vec::as_slice);
+    let correction = fixture_check::correction(&experiment.bench, sweep("shunt"), sweep("fake_cell"))
+        .map_err(|error| Failure::FixtureCheck(format!("no correction can be computed: {error}")))?;
+    recorder.json("correction.json", &correction)?;
+    measured.correction = correction;
+    let Some(fake_cell) = measured.controls.iter_mut().find(|control| control.control == "fake_cell") else { return Ok(()) };
+    let points = measured.sweeps.get("fake_cell").map_or(&[][..], Vec::as_slice);
+    let verdict = fixture_check::judge_corrected(&measured.correction, &fake_cell.known, check.corrected_tolerance, points);
+    let text = format!("fake_cell after the correction: {}", verdict.text);
+    let passed = verdict.passed;
+    fake_cell.corrected = Some(verdict);
+    recorder.event(&text)?;
+    recorder.json("controls.json", &measured.controls)?;
+    if passed { Ok(()) } else { Err(Failure::FixtureCheck(text)) }
+}
+
+/// Safe state that could not be verified outweighs everything else.
+fn safe<T>(safe: Result<(), Vec<BenchError>>, outcome: Result<T, Failure>) -> Result<T, Failure> {
+    match safe {
+        Ok(()) => outcome,
+        Err(failures) => Err(Failure::Unsafe {
+            failures: failures.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
+            cause: outcome.err().map_or_else(String::new, |failure| format!(" (after: {failure})")),
+        }),
+    }
+}
+
+fn folder_of(path: &Path) -> String {
+    path.parent().and_then(Path::file_name).map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

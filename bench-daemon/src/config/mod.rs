@@ -1,0 +1,236 @@
+//! Configuration: files as typed (`raw`), read with line numbers (`source`) and units (`quantity`), checked once (`resolve`). What comes out
+//! of here is complete and within the limits of cell and instruments; nothing is energised before that.
+
+pub mod quantity;
+mod raw;
+mod resolve;
+mod source;
+
+use std::path::PathBuf;
+
+use analysis::{calibration::KnownImpedance, fit::erm::Objective};
+use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
+
+pub use resolve::{load_bench, load_experiment};
+pub use source::{ConfigError, Source};
+
+/// A complete experiment.
+#[derive(Debug, Clone)]
+pub struct Experiment {
+    /// Its name: run folders are called after it.
+    pub name: String,
+    /// Seed of the simulation and of the searches of the fits.
+    pub seed: u64,
+    /// The bench.
+    pub bench: Bench,
+    /// The cell.
+    pub cell: Cell,
+    /// Holding a temperature first, if asked for.
+    pub temperature: Option<Temperature>,
+    /// Checking the bench with control impedances first, if asked for.
+    pub fixture_check: Option<FixtureCheck>,
+    /// Bringing the cell to a known state of charge first, if asked for.
+    pub soc_reset: Option<SocReset>,
+    /// The sweep.
+    pub eis: Eis,
+    /// The fits.
+    pub fit: Fit,
+    /// The files that this was read from.
+    pub sources: Vec<Source>,
+}
+
+/// A bench.
+#[derive(Debug, Clone)]
+pub struct Bench {
+    /// Its name.
+    pub name: String,
+    /// Its instruments; what is absent is `None`.
+    pub instruments: Instruments,
+    /// How it is wired.
+    pub wiring: Wiring,
+    /// The copper fake cell, where its impedance is known.
+    pub fake_cell: Option<KnownImpedance>,
+    /// The simulation behind the addresses, if there is one.
+    pub simulation: Option<Simulation>,
+}
+
+/// The instruments by role.
+#[derive(Debug, Clone, Default)]
+pub struct Instruments {
+    /// Bipolar supply.
+    pub supply4q: Option<Instrument>,
+    /// Signal generator.
+    pub generator: Option<Instrument>,
+    /// Oscilloscope.
+    pub scope: Option<Instrument>,
+    /// DC load.
+    pub load: Option<Instrument>,
+    /// DC supply.
+    pub supply: Option<Instrument>,
+    /// Chiller.
+    pub chiller: Option<Instrument>,
+    /// Temperature logger, with the channels of cell and air.
+    pub logger: Option<(Instrument, u16, Option<u16>)>,
+    /// What changes the fixture: a device, or a person.
+    pub jig: Option<Jig>,
+}
+
+impl Instruments {
+    /// Every instrument with an address, in a fixed order.
+    pub fn addressed(&self) -> Vec<(&'static str, &Instrument)> {
+        let jig = match &self.jig {
+            Some(Jig::Device(instrument)) => Some(instrument),
+            Some(Jig::Person) | None => None,
+        };
+        [
+            ("supply4q", self.supply4q.as_ref()),
+            ("generator", self.generator.as_ref()),
+            ("scope", self.scope.as_ref()),
+            ("load", self.load.as_ref()),
+            ("supply", self.supply.as_ref()),
+            ("chiller", self.chiller.as_ref()),
+            ("logger", self.logger.as_ref().map(|(instrument, _, _)| instrument)),
+            ("jig", jig),
+        ]
+        .into_iter()
+        .filter_map(|(role, instrument)| instrument.map(|instrument| (role, instrument)))
+        .collect()
+    }
+}
+
+/// A model at an address.
+#[derive(Debug, Clone)]
+pub struct Instrument {
+    /// Key of the dialect.
+    pub model: String,
+    /// Where it is reached.
+    pub address: Address,
+}
+
+/// Who changes the fixture.
+#[derive(Debug, Clone)]
+pub enum Jig {
+    /// A person, asked on the terminal.
+    Person,
+    /// A device.
+    Device(Instrument),
+}
+
+/// How the bench is wired.
+#[derive(Debug, Clone)]
+pub struct Wiring {
+    /// Output of the generator in use.
+    pub generator_channel: u8,
+    /// Factor on the generator's amplitude that makes the current right.
+    pub command_trim: f64,
+    /// Offset of the generator that brings the mean current to zero, V.
+    pub command_offset_v: f64,
+    /// The current shunt.
+    pub shunt: KnownImpedance,
+    /// Vertical scale of channels 1…4 for one ampere of amplitude, V per division.
+    pub scale_per_ampere_v: [f64; 4],
+}
+
+/// A simulation behind the addresses.
+#[derive(Debug, Clone)]
+pub struct Simulation {
+    /// The scenario file.
+    pub scenario: PathBuf,
+    /// How bench time runs.
+    pub time: TimeMode,
+}
+
+/// A cell and what may be done to it.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct Cell {
+    /// Its name.
+    pub name: String,
+    /// Capacity, C.
+    pub capacity_c: f64,
+    /// What may be done to it.
+    pub limits: crate::interlock::Limits,
+    /// Cells in series in the pack that the model is mapped to.
+    pub series: u32,
+    /// Cells in parallel.
+    pub parallel: u32,
+}
+
+/// A temperature to hold.
+#[derive(Debug, Clone, Copy)]
+pub struct Temperature {
+    /// Set-point, °C.
+    pub setpoint_c: f64,
+    /// Accepted deviation of the cell, K.
+    pub within_k: f64,
+    /// Longest wait, s.
+    pub timeout_s: f64,
+}
+
+/// The check of the bench.
+#[derive(Debug, Clone)]
+pub struct FixtureCheck {
+    /// The controls to measure and how far their raw reading may be off.
+    pub controls: Vec<(Fixture, ControlTolerance)>,
+    /// How far a control may be off after the correction, as a share.
+    pub corrected_tolerance: f64,
+}
+
+/// How far a raw reading may be off.
+#[derive(Debug, Clone, Copy)]
+pub struct ControlTolerance {
+    /// Share of the magnitude.
+    pub magnitude: f64,
+    /// Phase, degrees.
+    pub phase_deg: f64,
+}
+
+/// The reset of the state of charge (thesis 3.3.1).
+#[derive(Debug, Clone, Copy)]
+pub struct SocReset {
+    /// Discharge current, A, positive.
+    pub discharge_a: f64,
+    /// End of the discharge, V under load.
+    pub discharge_until_v: f64,
+    /// Charge current, A.
+    pub charge_a: f64,
+    /// Voltage limit of the supply, V.
+    pub charge_limit_v: f64,
+    /// End of the charge, V under load.
+    pub charge_until_v: f64,
+    /// Shortest rest, s.
+    pub rest_min_s: f64,
+    /// Longest rest, s.
+    pub rest_max_s: f64,
+    /// The rest ends when the voltage changes more slowly, V/s.
+    pub rest_slope_v_per_s: f64,
+    /// Longest discharge and longest charge, s.
+    pub max_s: f64,
+}
+
+/// The sweep.
+#[derive(Debug, Clone)]
+pub struct Eis {
+    /// Frequencies, rising, Hz.
+    pub freqs_hz: Vec<f64>,
+    /// Amplitude of the current, A.
+    pub amplitude_a: f64,
+    /// Periods waited at least.
+    pub periods: f64,
+    /// Waited on top, s.
+    pub extra_wait_s: f64,
+    /// Periods on the screen at least.
+    pub periods_on_screen: f64,
+    /// Points downloaded per channel.
+    pub record_points: u64,
+    /// Points in the scope's memory per channel.
+    pub memory_points: u64,
+}
+
+/// The fits.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// Orders.
+    pub rc: Vec<usize>,
+    /// What is minimised.
+    pub objective: Objective,
+}

@@ -1,0 +1,214 @@
+//! The files as they are typed: these structures mirror the TOML, and nothing else reads them than `resolve`.
+
+use serde::Deserialize;
+
+use super::quantity::{
+    Angle, Charge, Current, Duration, Frequency, Inductance, Quantity, Resistance, Share, Temperature, TemperatureDifference, Voltage,
+    VoltageSlope,
+};
+
+/// An experiment: what is to be done with which cell on which bench.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Experiment {
+    pub(super) name: String,
+    pub(super) bench: String,
+    pub(super) cell: String,
+    #[serde(default)]
+    pub(super) seed: u64,
+    pub(super) temperature: Option<TemperatureSection>,
+    pub(super) fixture_check: Option<FixtureCheck>,
+    pub(super) soc_reset: Option<SocReset>,
+    pub(super) eis: Eis,
+    #[serde(default)]
+    pub(super) fit: Fit,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TemperatureSection {
+    pub(super) setpoint: Quantity<Temperature>,
+    pub(super) within: Quantity<TemperatureDifference>,
+    pub(super) timeout: Quantity<Duration>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct FixtureCheck {
+    pub(super) shunt: ControlTolerance,
+    pub(super) fake_cell: Option<ControlTolerance>,
+    pub(super) corrected_tolerance: Quantity<Share>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ControlTolerance {
+    pub(super) magnitude: Quantity<Share>,
+    pub(super) phase: Quantity<Angle>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SocReset {
+    pub(super) discharge_current: Quantity<Current>,
+    pub(super) discharge_until: Quantity<Voltage>,
+    pub(super) charge_current: Quantity<Current>,
+    pub(super) charge_voltage: Quantity<Voltage>,
+    pub(super) charge_until: Quantity<Voltage>,
+    pub(super) rest_min: Quantity<Duration>,
+    pub(super) rest_max: Quantity<Duration>,
+    pub(super) rest_slope: Quantity<VoltageSlope>,
+    pub(super) max_duration: Quantity<Duration>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Eis {
+    pub(super) start: Quantity<Frequency>,
+    pub(super) stop: Quantity<Frequency>,
+    pub(super) points: usize,
+    #[serde(default = "yes")]
+    pub(super) include_stop: bool,
+    pub(super) amplitude: Quantity<Current>,
+    #[serde(default = "eleven")]
+    pub(super) periods: f64,
+    pub(super) extra_wait: Quantity<Duration>,
+    #[serde(default = "five")]
+    pub(super) periods_on_screen: f64,
+    #[serde(default = "ten_thousand")]
+    pub(super) record_points: u64,
+    #[serde(default = "million")]
+    pub(super) memory_points: u64,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Fit {
+    pub(super) rc: Vec<usize>,
+    pub(super) objective: String,
+}
+
+impl Default for Fit {
+    fn default() -> Self {
+        Self { rc: vec![1, 2, 3, 4], objective: "complex".to_owned() }
+    }
+}
+
+fn yes() -> bool {
+    true
+}
+fn eleven() -> f64 {
+    11.0
+}
+fn five() -> f64 {
+    5.0
+}
+fn ten_thousand() -> u64 {
+    10_000
+}
+fn million() -> u64 {
+    1_000_000
+}
+
+/// A bench: its instruments, its wiring, its controls, and the simulation behind it, if there is one.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Bench {
+    pub(super) name: String,
+    pub(super) instruments: Instruments,
+    pub(super) wiring: Wiring,
+    #[serde(default)]
+    pub(super) controls: Controls,
+    pub(super) simulation: Option<Simulation>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Instruments {
+    pub(super) supply4q: Option<Instrument>,
+    pub(super) generator: Option<Instrument>,
+    pub(super) scope: Option<Instrument>,
+    pub(super) load: Option<Instrument>,
+    pub(super) supply: Option<Instrument>,
+    pub(super) chiller: Option<Instrument>,
+    pub(super) logger: Option<Logger>,
+    pub(super) jig: Option<Jig>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Instrument {
+    pub(super) model: String,
+    pub(super) address: String,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Logger {
+    pub(super) model: String,
+    pub(super) address: String,
+    pub(super) cell_channel: u16,
+    pub(super) ambient_channel: Option<u16>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Jig {
+    pub(super) model: String,
+    pub(super) address: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Wiring {
+    pub(super) generator_channel: u8,
+    pub(super) command_trim: f64,
+    pub(super) command_offset: Quantity<Voltage>,
+    pub(super) shunt: Known,
+    /// Vertical scale of channels 1…4 for one ampere of amplitude.
+    pub(super) scale_per_ampere: [Quantity<Voltage>; 4],
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Known {
+    pub(super) resistance: Quantity<Resistance>,
+    pub(super) resistance_sigma: Quantity<Resistance>,
+    pub(super) inductance: Quantity<Inductance>,
+    pub(super) inductance_sigma: Quantity<Inductance>,
+}
+
+#[derive(Debug, Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Controls {
+    pub(super) fake_cell: Option<Known>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Simulation {
+    pub(super) scenario: String,
+    pub(super) time: Option<String>,
+}
+
+/// A cell and what may be done to it.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Cell {
+    pub(super) name: String,
+    pub(super) capacity: Quantity<Charge>,
+    pub(super) voltage_min: Quantity<Voltage>,
+    pub(super) voltage_max: Quantity<Voltage>,
+    pub(super) charge_current_max: Quantity<Current>,
+    pub(super) discharge_current_max: Quantity<Current>,
+    pub(super) temperature_min: Quantity<Temperature>,
+    pub(super) temperature_max: Quantity<Temperature>,
+    pub(super) pack: Pack,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Pack {
+    pub(super) series: u32,
+    pub(super) parallel: u32,
+}

@@ -1,0 +1,176 @@
+//! A configuration file with its text, so that every complaint names file, line and field.
+
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+};
+
+use serde::de::DeserializeOwned;
+use toml::de::{DeTable, DeValue};
+
+/// A complaint about a configuration file.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{path}: cannot be read: {reason}", path = path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        reason: String,
+    },
+    /// A field is not as expected.
+    #[error("{path}:{line}: {field}: {reason}", path = path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The field, from the top, such as `eis.amplitude`.
+        field: String,
+        /// What was expected and what was found.
+        reason: String,
+    },
+}
+
+/// A file and its text.
+#[derive(Debug, Clone)]
+pub struct Source {
+    path: PathBuf,
+    text: String,
+}
+
+impl Source {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`ConfigError::Unreadable`].
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|error| ConfigError::Unreadable { path: path.to_owned(), reason: error.to_string() })?;
+        Ok(Self { path: path.to_owned(), text })
+    }
+
+    /// The file's path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The file's text.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// A path written in this file, relative to it.
+    pub fn relative(&self, path: &str) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new(".")).join(path)
+    }
+
+    /// Reads the text as the given structure.
+    ///
+    /// # Errors
+    /// [`ConfigError::Field`] with the line and the field of the first mistake.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
+        toml::from_str(&self.text).map_err(|error| {
+            let at = error.span().map_or(0, |span| span.start);
+            ConfigError::Field {
+                path: self.path.clone(),
+                line: self.line(at),
+                field: self.field_at(at),
+                reason: error.message().replace('\n', " "),
+            }
+        })
+    }
+
+    /// A complaint about a field that could be read but must not be so. Points at the nearest ancestor that exists.
+    pub fn complain(&self, field: &str, reason: impl Into<String>) -> ConfigError {
+        let at = self.span_of(field).map_or(0, |span| span.start);
+        ConfigError::Field { path: self.path.clone(), line: self.line(at), field: field.to_owned(), reason: reason.into() }
+    }
+
+    fn line(&self, at: usize) -> usize {
+        self.text.bytes().take(at).filter(|&byte| byte == b'\n').count() + 1
+    }
+
+    fn span_of(&self, field: &str) -> Option<Range<usize>> {
+        let document = DeTable::parse(&self.text).ok()?;
+        let mut table = document.get_ref();
+        let mut found = None;
+        for name in field.split('.') {
+            let (key, value) = table.iter().find(|(key, _)| key.get_ref().as_ref() == name)?;
+            found = Some(key.span());
+            match value.get_ref() {
+                DeValue::Table(inner) => table = inner,
+                _ => break,
+            }
+        }
+        found
+    }
+
+    /// The innermost key that an error position belongs to.
+    fn field_at(&self, at: usize) -> String {
+        let Ok(document) = DeTable::parse(&self.text) else { return "(syntax)".to_owned() };
+        let mut path = Vec::new();
+        descend(document.get_ref(), at, &mut path);
+        if path.is_empty() { "(whole file)".to_owned() } else { path.join(".") }
+    }
+}
+
+fn descend(table: &DeTable<'_>, at: usize, path: &mut Vec<String>) {
+    let inside = |span: Range<usize>| span.contains(&at);
+    for (key, value) in table.iter() {
+        let nested = matches!(value.get_ref(), DeValue::Table(inner) if contains(inner, at));
+        if inside(key.span()) || inside(value.span()) || nested {
+            path.push(key.get_ref().to_string());
+            if let DeValue::Table(inner) = value.get_ref() {
+                descend(inner, at, path);
+            }
+            return;
+        }
+    }
+}
+
+fn contains(table: &DeTable<'_>, at: usize) -> bool {
+    table.iter().any(|(key, value)| {
+        key.span().contains(&at)
+            || value.span().contains(&at)
+            || matches!(value.get_ref(), DeValue::Table(inner) if contains(inner, at))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct File {
+        #[expect(dead_code, reason = "only read by serde")]
+        eis: Eis,
+    }
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Eis {
+        #[expect(dead_code, reason = "only read by serde")]
+        points: u32,
+    }
+
+    fn source(text: &str) -> Source {
+        Source { path: PathBuf::from("a.toml"), text: text.to_owned() }
+    }
+
+    #[test]
+    fn mistakes_are_located() {
+        for (text, expected) in [
+            ("\n[eis]\npoints = \"x\"\n", "a.toml:3: eis.points: invalid type"),
+            ("[eis]\npoints = 2\npionts = 3\n", "a.toml:3: eis.pionts: unknown field"),
+            ("[eis\n", "a.toml:1: (syntax)"),
+            ("[eis]\n", "a.toml:1: eis: missing field `points`"),
+        ] {
+            let message = source(text).parse::<File>().unwrap_err().to_string();
+            assert!(message.starts_with(expected), "{message}");
+        }
+        let complaint = source("[eis]\n\npoints = 2\n").complain("eis.points", "too few").to_string();
+        assert_eq!(complaint, "a.toml:3: eis.points: too few");
+    }
+}

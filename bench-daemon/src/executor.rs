@@ -1,0 +1,264 @@
+//! The one loop: steps of a checked plan → instruments → readings and records. Whoever drives it brings the bench into safe state afterwards,
+//! whatever the outcome.
+
+mod dc;
+mod sine;
+
+use instruments::{clock::Clock, link::LinkError, mock::plant::Fixture, scope::Vertical, supply4q, units::Volts};
+
+pub use sine::SweepPoint;
+
+use crate::{
+    bench::{Bench, BenchError},
+    config::{self, Experiment},
+    interlock::{self, Reading, Trip},
+    operator::{Operator, OperatorError},
+    plan::{Stage, Step},
+    progress::Progress,
+    record::{RecordError, Recorder},
+};
+
+/// What ends a stage early.
+#[derive(Debug, thiserror::Error)]
+pub enum ExecuteError {
+    /// An instrument.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// The interlock.
+    #[error("interlock: {0}")]
+    Trip(#[from] Trip),
+    /// A file.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// The person at the bench.
+    #[error(transparent)]
+    Operator(#[from] OperatorError),
+    /// A step reached its upper bound.
+    #[error("{step}: not reached within {max_s:.0} s ({state})")]
+    Bound {
+        /// The step in words.
+        step: String,
+        /// The bound, s.
+        max_s: f64,
+        /// What was reached instead.
+        state: String,
+    },
+    /// The bench does something else than it was told to.
+    #[error("{what}: expected {expected}, measured {met}")]
+    Disobeyed {
+        /// What was commanded.
+        what: String,
+        /// What it should have done.
+        expected: String,
+        /// What it did.
+        met: String,
+    },
+    /// A record cannot be analysed.
+    #[error("{freq_hz} Hz: {reason}")]
+    Signal {
+        /// Frequency, Hz.
+        freq_hz: f64,
+        /// Why not.
+        reason: String,
+    },
+}
+
+/// Seconds between two readings while current flows.
+const POLL_S: f64 = 1.0;
+/// A temperature is read with every so many readings.
+const TEMPERATURE_EVERY: u32 = 10;
+
+/// Executes stages on a bench.
+pub struct Executor<'a> {
+    /// The instruments.
+    pub bench: &'a mut Bench,
+    /// What is being done.
+    pub experiment: &'a Experiment,
+    /// Bench time.
+    pub clock: Clock,
+    /// Where everything is written.
+    pub recorder: &'a mut Recorder,
+    /// Who changes the fixture, where no device does.
+    pub operator: &'a Operator,
+    /// What the person watching sees.
+    pub progress: &'a Progress,
+    /// What the scope's channels are to be set to.
+    verticals: [Option<Vertical>; 4],
+    /// What they were last set to.
+    applied: [Option<Vertical>; 4],
+    /// Level of the trigger; follows the signal.
+    trigger_v: Volts,
+    polls: u32,
+}
+
+impl<'a> Executor<'a> {
+    /// Makes an executor.
+    pub fn new(
+        (bench, recorder): (&'a mut Bench, &'a mut Recorder),
+        experiment: &'a Experiment,
+        clock: Clock,
+        (operator, progress): (&'a Operator, &'a Progress),
+    ) -> Self {
+        Self { bench, experiment, clock, recorder, operator, progress, verticals: [None; 4], applied: [None; 4], trigger_v: Volts(0.0), polls: 0 }
+    }
+
+    /// Executes one stage; `on_point` gets every finished point as soon as its capture is on disk.
+    ///
+    /// # Errors
+    /// The first thing that went wrong. The outputs may then still be on.
+    pub async fn stage(
+        &mut self,
+        stage: &Stage,
+        on_point: &mut dyn FnMut(&mut Recorder, &SweepPoint) -> Result<(), ExecuteError>,
+    ) -> Result<Vec<SweepPoint>, ExecuteError> {
+        tracing::info!("stage: {}", stage.purpose);
+        self.recorder.event(&stage.purpose.to_string())?;
+        let mut points = Vec::new();
+        let mut fixture = Fixture::Cell;
+        for step in &stage.steps {
+            tracing::info!("step: {step}");
+            self.recorder.event(&step.to_string())?;
+            self.progress.begin(&stage.purpose.to_string(), step);
+            match *step {
+                Step::Mount(other) => {
+                    fixture = other;
+                    self.mount(other).await?;
+                }
+                Step::HoldTemperature { .. } => self.hold_temperature(step).await?,
+                Step::Discharge { .. } => self.discharge(step).await?,
+                Step::Charge { .. } => self.charge(step).await?,
+                Step::Rest { .. } => self.rest(step).await?,
+                Step::PowerUp { compliance_v, limit_a } => self.power_up(compliance_v, limit_a).await?,
+                Step::Sine { .. } => {
+                    let point = self.sine(fixture, step).await?;
+                    on_point(self.recorder, &point)?;
+                    points.push(point);
+                }
+                Step::PowerDown => self.power_down().await?,
+            }
+            self.progress.end(step);
+        }
+        Ok(points)
+    }
+
+    async fn mount(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
+        self.bench.safe_state().await.map_err(first)?;
+        self.verticals = [None; 4];
+        self.trigger_v = Volts(0.0);
+        match (&self.experiment.bench.instruments.jig, self.bench.jig.as_mut()) {
+            (Some(config::Jig::Device(_)), Some(jig)) => {
+                let mounted = jig.mount(fixture).await;
+                mounted.map_err(self.bench.error("jig"))?;
+            }
+            (Some(config::Jig::Person), _) => self.operator.mount(fixture).await?,
+            // Without a jig only the cell is ever asked for: it is what is in there.
+            _ => {}
+        }
+        Ok(())
+    }
+
+    async fn power_up(&mut self, compliance_v: f64, limit_a: f64) -> Result<(), ExecuteError> {
+        let limits = supply4q::Limits { compliance: Volts(compliance_v), current: instruments::units::Amps(limit_a) };
+        let error = self.bench.error("generator");
+        let offset = Volts(self.experiment.bench.wiring.command_offset_v);
+        let generator = require(&mut self.bench.generator, "generator")?;
+        generator.output(false).await.map_err(&error)?;
+        generator.steady(offset).await.map_err(&error)?;
+        let error = self.bench.error("supply4q");
+        let supply = require(&mut self.bench.supply4q, "supply4q")?;
+        supply.prepare(&limits).await.map_err(&error)?;
+        // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
+        let generator_error = self.bench.error("generator");
+        require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;
+        require(&mut self.bench.supply4q, "supply4q")?.energise().await.map_err(&error)?;
+        let scope_error = self.bench.error("scope");
+        let memory_points = self.experiment.eis.memory_points;
+        let scope = require(&mut self.bench.scope, "scope")?;
+        scope.set(&instruments::scope::Intent::Session { memory_points }).await.map_err(scope_error)?;
+        let reading = self.read_supply4q().await?;
+        let idle_a = reading.current_a.unwrap_or(0.0);
+        let allowed_a = 0.5 * self.experiment.eis.amplitude_a;
+        if idle_a.abs() > allowed_a {
+            return Err(ExecuteError::Disobeyed {
+                what: "bipolar supply with its command at zero".to_owned(),
+                expected: format!("less than {allowed_a:.3} A"),
+                met: format!("{idle_a:.3} A: adjust wiring.command_offset"),
+            });
+        }
+        Ok(())
+    }
+
+    async fn power_down(&mut self) -> Result<(), ExecuteError> {
+        let error = self.bench.error("supply4q");
+        require(&mut self.bench.supply4q, "supply4q")?.safe().await.map_err(error)?;
+        let error = self.bench.error("generator");
+        require(&mut self.bench.generator, "generator")?.safe().await.map_err(error)?;
+        Ok(())
+    }
+
+    /// Waits, reading and judging the bipolar supply all the while.
+    async fn wait_watching(&mut self, seconds: f64, fixture: Fixture) -> Result<(), ExecuteError> {
+        let end_s = self.clock.now_s() + seconds;
+        loop {
+            let left_s = end_s - self.clock.now_s();
+            if left_s <= 0.0 {
+                return Ok(());
+            }
+            self.clock.sleep_s(left_s.min(POLL_S)).await;
+            let mut reading = self.read_supply4q().await?;
+            if fixture != Fixture::Cell {
+                // A copper wire has no voltage limits.
+                reading.voltage_v = None;
+            }
+            self.judge("sine", reading)?;
+        }
+    }
+
+    async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
+        let error = self.bench.error("supply4q");
+        let (volts, amps) = require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?;
+        let temperature_c = self.temperature_now_and_then().await?;
+        Ok(Reading { time_s: self.clock.now_s(), voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
+    }
+
+    /// The cell's temperature with every tenth reading; an open thermocouple is a missing reading and trips.
+    async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
+        self.polls = self.polls.wrapping_add(1);
+        if self.bench.logger.is_none() || !self.polls.is_multiple_of(TEMPERATURE_EVERY) {
+            return Ok(None);
+        }
+        self.cell_temperature().await
+    }
+
+    async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
+        let error = self.bench.error("logger");
+        let readings = require(&mut self.bench.logger, "logger")?.scan().await.map_err(error)?;
+        Ok(Some(readings.first().copied().flatten().map_or(f64::NAN, |celsius| celsius.value())))
+    }
+
+    fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
+        self.recorder.reading(phase, &reading)?;
+        match interlock::judge(&self.experiment.cell.limits, &reading) {
+            Some(trip) => Err(trip.into()),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The instrument of a role, or a complaint that the bench lacks it.
+fn require<'b, T>(instrument: &'b mut Option<T>, role: &'static str) -> Result<&'b mut T, BenchError> {
+    instrument.as_mut().ok_or(BenchError::Missing { role })
+}
+
+fn first(mut failures: Vec<BenchError>) -> BenchError {
+    // Never empty: an empty list is no failure.
+    failures.drain(..).next().unwrap_or(BenchError::Missing { role: "supply4q" })
+}
+
+/// Whether an error says that an instrument cannot be talked to any more.
+pub fn is_link_error(error: &ExecuteError) -> Option<&LinkError> {
+    match error {
+        ExecuteError::Bench(BenchError::Link { source, .. }) => Some(source),
+        _ => None,
+    }
+}

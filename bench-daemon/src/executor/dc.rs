@@ -1,0 +1,188 @@
+//! Steps with direct current or none: temperature, discharge, charge, rest.
+
+use std::collections::VecDeque;
+
+use instruments::{
+    load::Discharge,
+    supply::Charge,
+    units::{Amps, Celsius, Volts},
+};
+
+use super::{ExecuteError, Executor, POLL_S, require};
+use crate::{interlock::Reading, plan::Step};
+
+/// Seconds between two readings while nothing flows.
+const REST_POLL_S: f64 = 10.0;
+/// Span over which the slope of a resting cell is taken, s.
+const SLOPE_SPAN_S: f64 = 120.0;
+/// The cell must stay within its band for this long, s.
+const STEADY_S: f64 = 60.0;
+/// Readings after which a current must have come up.
+const RISE_POLLS: u32 = 3;
+
+impl Executor<'_> {
+    pub(super) async fn hold_temperature(&mut self, step: &Step) -> Result<(), ExecuteError> {
+        let Step::HoldTemperature { setpoint_c, within_k, max_s } = *step else { return Ok(()) };
+        let error = self.bench.error("chiller");
+        require(&mut self.bench.chiller, "chiller")?.start(Celsius(setpoint_c)).await.map_err(error)?;
+        let error = self.bench.error("logger");
+        require(&mut self.bench.logger, "logger")?.configure().await.map_err(error)?;
+        let start_s = self.clock.now_s();
+        let mut steady_since_s = None;
+        loop {
+            let now_s = self.clock.now_s();
+            let temperature_c = self.cell_temperature().await?;
+            self.judge("temperature", Reading { time_s: now_s, temperature_c, ..Reading::default() })?;
+            let met_c = temperature_c.unwrap_or(f64::NAN);
+            if (met_c - setpoint_c).abs() <= within_k {
+                if now_s - *steady_since_s.get_or_insert(now_s) >= STEADY_S {
+                    return Ok(());
+                }
+            } else {
+                steady_since_s = None;
+            }
+            bound(step, now_s - start_s, max_s, || format!("the cell is at {met_c:.2} °C"))?;
+            self.clock.sleep_s(REST_POLL_S).await;
+        }
+    }
+
+    pub(super) async fn discharge(&mut self, step: &Step) -> Result<(), ExecuteError> {
+        let Step::Discharge { current_a, until_v, max_s } = *step else { return Ok(()) };
+        let idle_v = self.load_volts().await?.0;
+        if idle_v <= until_v {
+            tracing::info!("already at {idle_v:.3} V: nothing to discharge");
+            return Ok(());
+        }
+        // Below the end, so that the daemon ends the discharge, and above the cell's limit, so that the load ends it if the daemon does not.
+        let stop_below = Volts((until_v - 0.05).max(self.experiment.cell.limits.min_v));
+        let error = self.bench.error("load");
+        let load = require(&mut self.bench.load, "load")?;
+        load.prepare(&Discharge { current: Amps(current_a), stop_below }).await.map_err(&error)?;
+        require(&mut self.bench.load, "load")?.energise().await.map_err(&error)?;
+        let start_s = self.clock.now_s();
+        for poll in 1.. {
+            self.clock.sleep_s(POLL_S).await;
+            let (volts, amps) = self.load_volts().await?;
+            let temperature_c = self.temperature_now_and_then().await?;
+            let now_s = self.clock.now_s();
+            self.judge("discharge", Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(-amps), temperature_c })?;
+            if volts <= until_v {
+                break;
+            }
+            follows("load", poll, current_a, amps)?;
+            bound(step, now_s - start_s, max_s, || format!("the cell is at {volts:.3} V"))?;
+        }
+        require(&mut self.bench.load, "load")?.safe().await.map_err(error)?;
+        Ok(())
+    }
+
+    pub(super) async fn charge(&mut self, step: &Step) -> Result<(), ExecuteError> {
+        let Step::Charge { current_a, limit_v, until_v, max_s } = *step else { return Ok(()) };
+        let error = self.bench.error("supply");
+        let charge = Charge { voltage: Volts(limit_v), current: Amps(current_a) };
+        require(&mut self.bench.supply, "supply")?.prepare(&charge).await.map_err(&error)?;
+        require(&mut self.bench.supply, "supply")?.energise().await.map_err(&error)?;
+        let start_s = self.clock.now_s();
+        for poll in 1.. {
+            self.clock.sleep_s(POLL_S).await;
+            // The supply has no sense leads: the load's, with its input off, see the cell itself.
+            let volts = self.load_volts().await?.0;
+            let (_, amps) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(&error)?;
+            let temperature_c = self.temperature_now_and_then().await?;
+            let now_s = self.clock.now_s();
+            let reading = Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(amps.value()), temperature_c };
+            self.judge("charge", reading)?;
+            if volts >= until_v {
+                break;
+            }
+            // Near the limit of the supply its current falls, as it should.
+            if volts < limit_v - 0.1 {
+                follows("supply", poll, current_a, amps.value())?;
+            }
+            bound(step, now_s - start_s, max_s, || format!("the cell is at {volts:.3} V"))?;
+        }
+        require(&mut self.bench.supply, "supply")?.safe().await.map_err(error)?;
+        Ok(())
+    }
+
+    pub(super) async fn rest(&mut self, step: &Step) -> Result<(), ExecuteError> {
+        let Step::Rest { min_s, max_s, slope_v_per_s } = *step else { return Ok(()) };
+        let start_s = self.clock.now_s();
+        let mut window: VecDeque<(f64, f64)> = VecDeque::new();
+        loop {
+            self.clock.sleep_s(REST_POLL_S).await;
+            let volts = self.load_volts().await?.0;
+            let temperature_c = self.temperature_now_and_then().await?;
+            let now_s = self.clock.now_s();
+            self.judge("rest", Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(0.0), temperature_c })?;
+            window.push_back((now_s, volts));
+            while window.front().is_some_and(|(time_s, _)| now_s - time_s > SLOPE_SPAN_S) {
+                window.pop_front();
+            }
+            let rested_s = now_s - start_s;
+            let slope = slope(&window);
+            if rested_s >= min_s.max(SLOPE_SPAN_S) && slope.abs() < slope_v_per_s {
+                tracing::info!("rested to {volts:.4} V in {rested_s:.0} s");
+                return Ok(());
+            }
+            if rested_s > max_s {
+                // The thesis waits for a consistent voltage; a cell that still moves is no reason to lose a night, but it is to be known.
+                let text = format!("after {max_s:.0} s of rest the voltage still moves by {:.3} mV/min", slope * 6.0e4);
+                tracing::warn!("{text}");
+                self.recorder.warning(&text);
+                return Ok(());
+            }
+        }
+    }
+
+    async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
+        let error = self.bench.error("load");
+        let (volts, amps) = require(&mut self.bench.load, "load")?.measure().await.map_err(error)?;
+        Ok((volts.value(), amps.value()))
+    }
+}
+
+fn bound(step: &Step, passed_s: f64, max_s: f64, state: impl Fn() -> String) -> Result<(), ExecuteError> {
+    if passed_s <= max_s { Ok(()) } else { Err(ExecuteError::Bound { step: step.to_string(), max_s, state: state() }) }
+}
+
+/// A current that does not come means a lead that is off, a fuse, a wrong cell: nothing to wait for.
+fn follows(what: &str, poll: u32, commanded_a: f64, met_a: f64) -> Result<(), ExecuteError> {
+    if poll < RISE_POLLS || (met_a - commanded_a).abs() <= 0.1 * commanded_a + 0.05 {
+        return Ok(());
+    }
+    Err(ExecuteError::Disobeyed { what: what.to_owned(), expected: format!("{commanded_a:.3} A"), met: format!("{met_a:.3} A") })
+}
+
+/// Least-squares slope of (s, V), V/s; not a number for fewer than three points.
+fn slope(points: &VecDeque<(f64, f64)>) -> f64 {
+    if points.len() < 3 {
+        return f64::NAN;
+    }
+    let count = points.len() as f64;
+    let mean_t = points.iter().map(|(t, _)| t).sum::<f64>() / count;
+    let mean_v = points.iter().map(|(_, v)| v).sum::<f64>() / count;
+    let (covariance, variance) = points
+        .iter()
+        .fold((0.0, 0.0), |(covariance, variance), (t, v)| (covariance + (t - mean_t) * (v - mean_v), variance + (t - mean_t).powi(2)));
+    covariance / variance
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_slope_is_the_lines() {
+        let line: VecDeque<(f64, f64)> = (0..12).map(|k| (100.0 + 10.0 * f64::from(k), 3.7 - 2.0e-6 * 10.0 * f64::from(k))).collect();
+        assert!((slope(&line) + 2.0e-6).abs() < 1.0e-12);
+        assert!(slope(&VecDeque::new()).is_nan());
+    }
+
+    #[test]
+    fn a_current_that_does_not_come_is_named() {
+        assert!(follows("load", 1, 5.0, 0.0).is_ok());
+        let message = follows("load", 3, 5.0, 0.0).unwrap_err().to_string();
+        assert_eq!(message, "load: expected 5.000 A, measured 0.000 A");
+    }
+}

@@ -1,0 +1,244 @@
+//! One sinusoid: driven, awaited, captured, ranged again where a channel clipped or was too small, analysed.
+
+use analysis::{
+    sine::{self, Channel, CodeScale, FitOptions, Record},
+    spectrum::ChannelPhasors,
+};
+use instruments::{
+    generator::Sine,
+    mock::plant::Fixture,
+    scope::{Capabilities, Intent, Trigger, Vertical, Waveform},
+    units::{Hertz, Seconds, Volts},
+};
+
+use super::{ExecuteError, Executor, require};
+use crate::{
+    plan::{MAX_RANGING, Step, fixture_name},
+    record::CaptureFile,
+};
+
+/// The trigger watches the high side of the shunt: a large, clean copy of the current.
+const TRIGGER_CHANNEL: u8 = 2;
+/// A signal that spans less than this share of the ADC's range is ranged again.
+const MIN_SPAN: f64 = 0.04;
+/// A new range is chosen so that the signal spans this share of it.
+const WANTED_SPAN: f64 = 0.5;
+/// Fewest periods that a record must hold.
+const MIN_RECORD_PERIODS: f64 = 2.0;
+/// How far the amplitude of the current may be from its command, as a share.
+const CURRENT_TOLERANCE: f64 = 0.2;
+/// How far a free fit may find the frequency from the one that was set.
+const FREQ_TOLERANCE: f64 = 2.0e-3;
+
+/// A finished point of a sweep.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SweepPoint {
+    /// What was in the jig.
+    pub fixture: Fixture,
+    /// Number in the sweep, from 0.
+    pub index: usize,
+    /// Phasors of the four channels.
+    pub phasors: ChannelPhasors,
+    /// Vertical scale of the four channels, V per division.
+    pub volts_per_div: [f64; 4],
+    /// Frequency that a fit with free frequency finds, Hz.
+    pub free_freq_hz: f64,
+    /// Greatest lag-1 correlation of the residuals: near 0 for noise, near 1 for a signal that the sinusoid leaves out.
+    pub residual_lag1: f64,
+    /// What is odd about it.
+    pub warnings: Vec<String>,
+}
+
+impl Executor<'_> {
+    pub(super) async fn sine(&mut self, fixture: Fixture, step: &Step) -> Result<SweepPoint, ExecuteError> {
+        let Step::Sine { index, freq_hz, amplitude_a, wait_s } = *step else {
+            return Err(ExecuteError::Signal { freq_hz: 0.0, reason: "not a sine step".to_owned() });
+        };
+        self.drive(freq_hz, amplitude_a).await?;
+        let scope = require(&mut self.bench.scope, "scope")?.capabilities();
+        if self.verticals[0].is_none() {
+            self.first_ranges(fixture, amplitude_a, &scope).await?;
+        }
+        let mut warnings = Vec::new();
+        for attempt in 0..=MAX_RANGING {
+            let waveforms = self.capture(freq_hz, wait_s, fixture).await?;
+            let file = CaptureFile { fixture, index, attempt, freq_hz, amplitude_a, start_s: self.clock.now_s() };
+            self.recorder.capture(&file, &waveforms)?;
+            let ranged = self.range_again(&waveforms, &scope);
+            let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
+            if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {
+                warnings.extend(ranged);
+                let point = analyse(fixture, index, freq_hz, &waveforms, warnings)?;
+                self.check_current(&point, amplitude_a)?;
+                return Ok(point);
+            }
+            tracing::info!("{} point {}: measured again: {}", fixture_name(fixture), index + 1, ranged.join("; "));
+            warnings.push(format!("measured again: {}", ranged.join("; ")));
+        }
+        Err(ExecuteError::Signal { freq_hz, reason: format!("a channel still clips after {MAX_RANGING} changes of range") })
+    }
+
+    /// Sets the generator so that the supply drives `amplitude_a`.
+    async fn drive(&mut self, freq_hz: f64, amplitude_a: f64) -> Result<(), ExecuteError> {
+        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.experiment.bench.wiring;
+        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
+        let sine = Sine {
+            freq: Hertz(freq_hz),
+            amplitude: Volts(amplitude_a * volts_per_amp * wiring.command_trim),
+            offset: Volts(wiring.command_offset_v),
+        };
+        let error = self.bench.error("generator");
+        require(&mut self.bench.generator, "generator")?.sine(&sine).await.map_err(error)?;
+        Ok(())
+    }
+
+    /// The configured scales, with the cell's voltage brought to the centre of channel 4.
+    async fn first_ranges(&mut self, fixture: Fixture, amplitude_a: f64, scope: &Capabilities) -> Result<(), ExecuteError> {
+        let cell_v = if fixture == Fixture::Cell { self.read_supply4q().await?.voltage_v.unwrap_or(0.0) } else { 0.0 };
+        for (slot, channel) in (1..=4_u8).enumerate() {
+            let per_div = Volts(self.experiment.bench.wiring.scale_per_ampere_v[slot] * amplitude_a);
+            let offset = Volts(if channel == 4 { -cell_v } else { 0.0 });
+            self.verticals[slot] = Some(Vertical { channel, per_div: scope.scale_for_offset(per_div, offset), offset });
+        }
+        Ok(())
+    }
+
+    /// Sends the settings of the channels that are to change.
+    async fn apply_verticals(&mut self) -> Result<(), ExecuteError> {
+        let error = self.bench.error("scope");
+        for (wanted, applied) in self.verticals.iter().zip(&mut self.applied) {
+            if let Some(vertical) = wanted.filter(|_| wanted != applied) {
+                require(&mut self.bench.scope, "scope")?.set(&Intent::Vertical(vertical)).await.map_err(&error)?;
+                *applied = Some(vertical);
+            }
+        }
+        Ok(())
+    }
+
+    async fn capture(&mut self, freq_hz: f64, wait_s: f64, fixture: Fixture) -> Result<[Waveform; 4], ExecuteError> {
+        self.apply_verticals().await?;
+        let eis = &self.experiment.eis;
+        let (points, span) = (eis.record_points, Seconds(eis.periods_on_screen / freq_hz));
+        let trigger = Trigger { channel: TRIGGER_CHANNEL, level: self.trigger_v };
+        let error = self.bench.error("scope");
+        let scope = require(&mut self.bench.scope, "scope")?;
+        let per_div = scope.capabilities().time_per_div(span);
+        for intent in [Intent::Timebase(per_div), Intent::Trigger(trigger), Intent::Arm] {
+            scope.set(&intent).await.map_err(&error)?;
+        }
+        self.wait_watching(wait_s, fixture).await?;
+        let scope = require(&mut self.bench.scope, "scope")?;
+        scope.stop().await.map_err(&error)?;
+        let first = scope.download(1, points).await.map_err(&error)?;
+        let second = scope.download(2, points).await.map_err(&error)?;
+        let third = scope.download(3, points).await.map_err(&error)?;
+        let fourth = scope.download(4, points).await.map_err(&error)?;
+        Ok([first, second, third, fourth])
+    }
+
+    /// New settings for the channels that clipped or were too small, in words; the trigger level and the offsets follow the signal.
+    fn range_again(&mut self, waveforms: &[Waveform; 4], scope: &Capabilities) -> Vec<String> {
+        let mut changes = Vec::new();
+        for (slot, waveform) in waveforms.iter().enumerate() {
+            let Some(vertical) = self.verticals[slot] else { continue };
+            let (least_v, greatest_v) = waveform.extremes_v();
+            let (span_v, middle_v) = (greatest_v - least_v, 0.5 * (greatest_v + least_v));
+            if waveform.channel == TRIGGER_CHANNEL {
+                self.trigger_v = Volts(middle_v);
+            }
+            let range_v = 2.0 * scope.half_range_div * vertical.per_div.value();
+            let clipped = waveform.clipped_share() > 0.0;
+            let small = span_v < MIN_SPAN * range_v && vertical.per_div.value() > scope.per_div.0.value() * 1.001;
+            if !(clipped || small) {
+                continue;
+            }
+            let wanted = if clipped {
+                2.0 * vertical.per_div.value()
+            } else {
+                (span_v / (2.0 * scope.half_range_div * WANTED_SPAN)).max(scope.per_div.0.value())
+            };
+            let offset = Volts(-middle_v);
+            let per_div = scope.scale_for_offset(Volts(round_scale(wanted)), offset);
+            if small && per_div.value() >= vertical.per_div.value() {
+                continue;
+            }
+            let what = if clipped { "clipped" } else { "small" };
+            changes.push(format!("channel {} {what} at {} V/div", waveform.channel, vertical.per_div.value()));
+            self.verticals[slot] = Some(Vertical { channel: waveform.channel, per_div, offset });
+        }
+        changes
+    }
+
+    /// The current must follow the command: a loose lead or a supply in its limits shows here.
+    fn check_current(&self, point: &SweepPoint, amplitude_a: f64) -> Result<(), ExecuteError> {
+        let [first, second, _, _] = point.phasors.volts;
+        let met_a = (second - first).norm() / self.experiment.bench.wiring.shunt.r_ohm;
+        if (met_a / amplitude_a - 1.0).abs() <= CURRENT_TOLERANCE {
+            return Ok(());
+        }
+        Err(ExecuteError::Disobeyed {
+            what: format!("current at {} Hz", point.phasors.freq_hz),
+            expected: format!("an amplitude of {amplitude_a} A within {:.0} %", 100.0 * CURRENT_TOLERANCE),
+            met: format!("{met_a:.4} A"),
+        })
+    }
+}
+
+/// Two significant digits, upwards: scopes take any scale, people prefer round ones.
+fn round_scale(scale: f64) -> f64 {
+    let decade = 10.0_f64.powf(scale.log10().floor() - 1.0);
+    (scale / decade).ceil() * decade
+}
+
+fn analyse(
+    fixture: Fixture,
+    index: usize,
+    freq_hz: f64,
+    waveforms: &[Waveform; 4],
+    mut warnings: Vec<String>,
+) -> Result<SweepPoint, ExecuteError> {
+    let fail = |reason: String| ExecuteError::Signal { freq_hz, reason };
+    let channels: Vec<Channel<'_>> = waveforms
+        .iter()
+        .map(|waveform| {
+            let preamble = &waveform.preamble;
+            let scale = CodeScale {
+                volts_per_code: preamble.volts_per_code,
+                offset_v: preamble.offset_v,
+                code_min: preamble.code_min,
+                code_max: preamble.code_max,
+            };
+            Channel::codes(&waveform.codes, scale)
+        })
+        .collect();
+    let interval_s = waveforms[0].interval_s;
+    let record = Record { channels: &channels, interval_s };
+    let periods = interval_s * waveforms[0].codes.len() as f64 * freq_hz;
+    if periods < MIN_RECORD_PERIODS {
+        let reason = format!("expected a record of at least {MIN_RECORD_PERIODS} periods, found {periods:.2}: does the scope's time run as ours?");
+        return Err(fail(reason));
+    }
+    let options = FitOptions::default();
+    let fit = sine::fit_known_frequency(&record, freq_hz, &options).map_err(|error| fail(error.to_string()))?;
+    let free = sine::fit_free_frequency(&record, Some(freq_hz), &options).map_err(|error| fail(error.to_string()))?;
+    if (free.freq_hz / freq_hz - 1.0).abs() > FREQ_TOLERANCE {
+        warnings.push(format!("a free fit finds {:.6} Hz", free.freq_hz));
+    }
+    let residual_lag1 = fit.channels.iter().map(|channel| channel.residual_lag1).fold(0.0, f64::max);
+    let phasors = ChannelPhasors::from_fit(&fit).map_err(|error| fail(error.to_string()))?;
+    let volts_per_div = [0, 1, 2, 3].map(|slot: usize| waveforms[slot].preamble.volts_per_div);
+    Ok(SweepPoint { fixture, index, phasors, volts_per_div, free_freq_hz: free.freq_hz, residual_lag1, warnings })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scales_are_rounded_up_to_two_digits() {
+        for (scale, rounded) in [(0.0173, 0.018), (0.02, 0.02), (1.01, 1.1), (0.000_5, 0.000_5)] {
+            assert!((round_scale(scale) - rounded).abs() < 1.0e-9, "{scale}: {}", round_scale(scale));
+        }
+    }
+}

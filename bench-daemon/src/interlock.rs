@@ -1,0 +1,90 @@
+//! What the cell may be exposed to, and whether a reading leaves it. Pure: readings in, a trip or nothing out.
+
+/// Limits of a cell.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Limits {
+    /// Least voltage, V.
+    pub min_v: f64,
+    /// Greatest voltage, V.
+    pub max_v: f64,
+    /// Greatest charge current, A.
+    pub charge_a: f64,
+    /// Greatest discharge current, A, positive.
+    pub discharge_a: f64,
+    /// Least surface temperature, °C.
+    pub min_c: f64,
+    /// Greatest surface temperature, °C.
+    pub max_c: f64,
+}
+
+/// What was read at one time; what an instrument does not tell is `None`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Reading {
+    /// Bench time, s.
+    pub time_s: f64,
+    /// Cell voltage, V.
+    pub voltage_v: Option<f64>,
+    /// Cell current, A, charge positive.
+    pub current_a: Option<f64>,
+    /// Surface temperature of the cell, °C.
+    pub temperature_c: Option<f64>,
+}
+
+/// A reading that left the limits.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{what} {value:.4} {unit} left its limits ({least} {unit} to {greatest} {unit}) at {time_s:.1} s")]
+pub struct Trip {
+    /// The quantity.
+    pub what: &'static str,
+    /// What was read.
+    pub value: f64,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Lower limit.
+    pub least: f64,
+    /// Upper limit.
+    pub greatest: f64,
+    /// Bench time, s.
+    pub time_s: f64,
+}
+
+/// Share of the current limits that a meter's own error may add.
+const CURRENT_MARGIN: f64 = 1.02;
+
+/// Judges a reading. A reading that is not a number trips, for it says nothing.
+pub fn judge(limits: &Limits, reading: &Reading) -> Option<Trip> {
+    let checks = [
+        ("cell voltage", reading.voltage_v, "V", limits.min_v, limits.max_v),
+        ("cell current", reading.current_a, "A", -limits.discharge_a * CURRENT_MARGIN, limits.charge_a * CURRENT_MARGIN),
+        ("cell temperature", reading.temperature_c, "°C", limits.min_c, limits.max_c),
+    ];
+    checks.into_iter().find_map(|(what, value, unit, least, greatest)| {
+        let value = value?;
+        (!(least..=greatest).contains(&value)).then_some(Trip { what, value, unit, least, greatest, time_s: reading.time_s })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: Limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
+
+    #[test]
+    fn each_limit_trips_by_itself_and_says_which() {
+        let inside = Reading { time_s: 1.0, voltage_v: Some(3.7), current_a: Some(-5.0), temperature_c: Some(25.0) };
+        assert_eq!(judge(&LIMITS, &inside), None);
+        assert_eq!(judge(&LIMITS, &Reading::default()), None);
+        for (reading, text) in [
+            (Reading { voltage_v: Some(2.49), ..inside }, "cell voltage 2.4900 V left its limits (2.5 V to 4.2 V)"),
+            (Reading { voltage_v: Some(4.21), ..inside }, "cell voltage 4.2100 V"),
+            (Reading { voltage_v: Some(f64::NAN), ..inside }, "cell voltage NaN V"),
+            (Reading { current_a: Some(14.0), ..inside }, "cell current 14.0000 A"),
+            (Reading { current_a: Some(-46.0), ..inside }, "cell current -46.0000 A"),
+            (Reading { temperature_c: Some(60.5), ..inside }, "cell temperature 60.5000 °C"),
+        ] {
+            let trip = judge(&LIMITS, &reading).map(|trip| trip.to_string()).unwrap_or_default();
+            assert!(trip.starts_with(text), "{trip}");
+        }
+    }
+}

@@ -1,0 +1,40 @@
+//! The procedures of the thesis, each a pure function from parameters to stages of a plan.
+
+mod eis_sweep;
+mod soc_reset;
+
+use instruments::{mock::plant::Fixture, scope, units::Seconds};
+
+use crate::{
+    config::{Experiment, Instrument},
+    plan::{Plan, Purpose, Stage, Step},
+};
+
+/// The whole experiment as a plan: temperature, fixture check, SOC reset, sweep of the cell.
+pub fn plan(experiment: &Experiment) -> Plan {
+    let mut stages = Vec::new();
+    if let Some(temperature) = &experiment.temperature {
+        let (setpoint_c, within_k, max_s) = (temperature.setpoint_c, temperature.within_k, temperature.timeout_s);
+        stages.push(Stage {
+            purpose: Purpose::Temperature,
+            steps: vec![Step::Mount(Fixture::Cell), Step::HoldTemperature { setpoint_c, within_k, max_s }],
+        });
+    }
+    let limits = &experiment.cell.limits;
+    for (control, _) in experiment.fixture_check.iter().flat_map(|check| &check.controls) {
+        stages.push(eis_sweep::stage(*control, &experiment.eis, limits, time_base(experiment)));
+    }
+    if let Some(reset) = &experiment.soc_reset {
+        stages.push(soc_reset::stage(reset));
+    }
+    stages.push(eis_sweep::stage(Fixture::Cell, &experiment.eis, limits, time_base(experiment)));
+    Plan { stages }
+}
+
+/// The time that the scope's screen spans when it is to hold at least a given span.
+fn time_base(experiment: &Experiment) -> impl Fn(f64) -> f64 {
+    let scope = experiment.bench.instruments.scope.as_ref().and_then(|Instrument { model, .. }| {
+        scope::DIALECTS.iter().find(|dialect| dialect.key() == model).map(|dialect| dialect.capabilities())
+    });
+    move |span_s| scope.map_or(span_s, |capabilities| capabilities.time_per_div(Seconds(span_s)).value() * capabilities.horizontal_div)
+}

@@ -1,0 +1,219 @@
+//! The run folder, written as the run goes: whatever is finished is on disk before the next thing is begun.
+//!
+//! `config/` the files that were read · `manifest.json` what ran · `events.csv` every step with bench time · `readings.csv` every reading ·
+//! `captures/FIXTURE/…parquet` raw ADC codes · `raw_FIXTURE.csv` impedances before correction · `correction.json` · `spectrum.csv`, `.parquet` ·
+//! `model_Nrc.json` · `plots/` · `report.html` · `transcripts/` every message · `log.txt`.
+
+use std::{
+    fs::{self, File},
+    io::{BufWriter, Write},
+    path::{Path, PathBuf},
+};
+
+use analysis::{
+    dataset::{self, Capture, CaptureMeta, ChannelMeta, DatasetError},
+    sine::CodeScale,
+    spectrum::ImpedancePoint,
+};
+use instruments::{clock::Clock, mock::plant::Fixture, scope::Waveform, transcript::Tap};
+use serde::Serialize;
+
+use crate::{interlock::Reading, plan::fixture_name};
+
+/// A file that cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The file system.
+    #[error("{path}: {what}: {source}", path = path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was tried.
+        what: &'static str,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A table.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// The folder is already in use.
+    #[error("{path}: expected a new or empty folder, found files in it; choose another with --out", path = path.display())]
+    NotEmpty {
+        /// The folder.
+        path: PathBuf,
+    },
+}
+
+/// Which capture it is.
+#[derive(Debug, Clone, Copy)]
+pub struct CaptureFile {
+    /// What was in the jig.
+    pub fixture: Fixture,
+    /// Number of the point, from 0.
+    pub index: usize,
+    /// Number of the attempt, from 0: later ones after a change of range.
+    pub attempt: usize,
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// Commanded amplitude of the current, A.
+    pub amplitude_a: f64,
+    /// Bench time when it was downloaded, s.
+    pub start_s: f64,
+}
+
+/// A run folder.
+pub struct Recorder {
+    folder: PathBuf,
+    clock: Clock,
+    events: BufWriter<File>,
+    readings: BufWriter<File>,
+    warnings: Vec<String>,
+}
+
+impl Recorder {
+    /// Makes a run folder.
+    ///
+    /// # Errors
+    /// A folder that is in use, or cannot be written.
+    pub fn create(folder: &Path, clock: Clock) -> Result<Self, RecordError> {
+        if fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
+            return Err(RecordError::NotEmpty { path: folder.to_owned() });
+        }
+        for part in ["config", "captures", "plots", "transcripts"] {
+            let path = folder.join(part);
+            fs::create_dir_all(&path).map_err(io(&path, "cannot be made"))?;
+        }
+        let mut events = create(&folder.join("events.csv"))?;
+        let mut readings = create(&folder.join("readings.csv"))?;
+        line(&mut events, &folder.join("events.csv"), "time_s,event")?;
+        line(&mut readings, &folder.join("readings.csv"), "time_s,phase,voltage_v,current_a,temperature_c")?;
+        Ok(Self { folder: folder.to_owned(), clock, events, readings, warnings: Vec::new() })
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// A file in the folder.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// A tap that writes one instrument's conversation.
+    ///
+    /// # Errors
+    /// A file that cannot be made.
+    pub fn tap(&self, role: &str) -> Result<Tap, RecordError> {
+        let path = self.path("transcripts").join(format!("{role}.txt"));
+        Ok(Tap::new(create(&path)?))
+    }
+
+    /// Writes down that something begins, before it does.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn event(&mut self, text: &str) -> Result<(), RecordError> {
+        let row = format!("{:.3},\"{}\"", self.clock.now_s(), text.replace('"', "'"));
+        line(&mut self.events, &self.folder.join("events.csv"), &row)
+    }
+
+    /// Writes a reading.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn reading(&mut self, phase: &str, reading: &Reading) -> Result<(), RecordError> {
+        let cell = |value: Option<f64>, digits: usize| value.map_or_else(String::new, |value| format!("{value:.digits$}"));
+        let row = format!(
+            "{:.3},{phase},{},{},{}",
+            reading.time_s,
+            cell(reading.voltage_v, 6),
+            cell(reading.current_a, 6),
+            cell(reading.temperature_c, 4)
+        );
+        line(&mut self.readings, &self.folder.join("readings.csv"), &row)
+    }
+
+    /// Writes the raw codes of a point, whole and before anything is made of them.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn capture(&self, file: &CaptureFile, waveforms: &[Waveform; 4]) -> Result<(), RecordError> {
+        let name = fixture_name(file.fixture);
+        let folder = self.path("captures").join(name);
+        fs::create_dir_all(&folder).map_err(io(&folder, "cannot be made"))?;
+        let channel = |waveform: &Waveform| ChannelMeta {
+            scale: CodeScale {
+                volts_per_code: waveform.preamble.volts_per_code,
+                offset_v: waveform.preamble.offset_v,
+                code_min: waveform.preamble.code_min,
+                code_max: waveform.preamble.code_max,
+            },
+            volts_per_div: waveform.preamble.volts_per_div,
+        };
+        let capture = Capture {
+            meta: CaptureMeta {
+                label: format!("{name} point {} attempt {} at {} A", file.index + 1, file.attempt + 1, file.amplitude_a),
+                freq_hz: file.freq_hz,
+                interval_s: waveforms[0].interval_s,
+                start_s: file.start_s,
+                channels: [0, 1, 2, 3].map(|slot: usize| channel(&waveforms[slot])),
+            },
+            codes: [0, 1, 2, 3].map(|slot: usize| waveforms[slot].codes.clone()),
+        };
+        let again = if file.attempt == 0 { String::new() } else { format!("_again{}", file.attempt) };
+        let path = folder.join(format!("point{:02}_{:.6}Hz{again}.parquet", file.index + 1, file.freq_hz));
+        Ok(dataset::write_capture(&path, &capture)?)
+    }
+
+    /// Appends a point to a spectrum; it is on disk when this returns.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn spectrum_point(&self, name: &str, point: &ImpedancePoint) -> Result<(), RecordError> {
+        Ok(dataset::append_spectrum_csv(&self.path(name), point)?)
+    }
+
+    /// Writes a structure as JSON, whole or not at all.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn json<T: Serialize>(&self, name: &str, value: &T) -> Result<(), RecordError> {
+        let path = self.path(name);
+        let mut text = serde_json::to_string_pretty(value)
+            .map_err(|error| RecordError::Io { path: path.clone(), what: "cannot be put into JSON", source: std::io::Error::other(error) })?;
+        text.push('\n');
+        Ok(dataset::write_atomically(&path, text.as_bytes())?)
+    }
+
+    /// Writes a text, whole or not at all.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn text(&self, name: &str, text: &str) -> Result<(), RecordError> {
+        Ok(dataset::write_atomically(&self.path(name), text.as_bytes())?)
+    }
+
+    /// Remembers something odd for the report.
+    pub fn warning(&mut self, text: &str) {
+        self.warnings.push(text.to_owned());
+    }
+
+    /// What was odd.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+}
+
+fn create(path: &Path) -> Result<BufWriter<File>, RecordError> {
+    File::create(path).map(BufWriter::new).map_err(io(path, "cannot be made"))
+}
+
+fn line(writer: &mut BufWriter<File>, path: &Path, text: &str) -> Result<(), RecordError> {
+    writeln!(writer, "{text}").and_then(|()| writer.flush()).map_err(io(path, "cannot be written"))
+}
+
+fn io(path: &Path, what: &'static str) -> impl Fn(std::io::Error) -> RecordError + use<> {
+    let path = path.to_owned();
+    move |source| RecordError::Io { path: path.clone(), what, source }
+}

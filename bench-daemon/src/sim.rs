@@ -1,0 +1,139 @@
+//! The simulated bench: one world of `fixtures`, and behind each configured address a mock that looks at it.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex},
+};
+
+use fixtures::{bench::SimulatedBench, scenario::Scenario};
+use instruments::{
+    clock::Clock,
+    mock::{self, MockOptions, plant::SharedPlant},
+    transport::{Address, MemoryHub},
+};
+
+use crate::config::{Bench, ConfigError, Source};
+
+/// What stands in the way of a simulation.
+#[derive(Debug, thiserror::Error)]
+pub enum SimError {
+    /// The scenario file.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// A model that cannot be simulated.
+    #[error("instruments.{role}.model: {reason}")]
+    Model {
+        /// Its role.
+        role: &'static str,
+        /// Why not.
+        reason: String,
+    },
+    /// A port that cannot be opened.
+    #[error("instruments.{role}.address: {address}: {reason}")]
+    Port {
+        /// Its role.
+        role: &'static str,
+        /// Its address.
+        address: String,
+        /// Why not.
+        reason: String,
+    },
+    /// A bench without a simulation.
+    #[error("{path}: expected a section [simulation]: this bench is made of real instruments", path = path.display())]
+    Real {
+        /// The bench file.
+        path: PathBuf,
+    },
+}
+
+/// A simulated world and its scenario.
+pub struct Simulation {
+    world: Arc<Mutex<SimulatedBench>>,
+    /// The scenario as it was read.
+    pub scenario: Source,
+}
+
+/// Where a mock listens.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct Served {
+    /// Its role.
+    pub role: &'static str,
+    /// Its model.
+    pub model: String,
+    /// The address that a client uses.
+    pub address: String,
+}
+
+impl Simulation {
+    /// Reads the scenario of a bench and makes its world from a seed.
+    ///
+    /// # Errors
+    /// The scenario file.
+    pub fn new(path: &Path, seed: u64) -> Result<Self, SimError> {
+        let source = Source::read(path)?;
+        let scenario: Scenario = source.parse()?;
+        let world = SimulatedBench::new(scenario, seed).map_err(|error| source.complain(error.field(), error.to_string()))?;
+        Ok(Self { world: Arc::new(Mutex::new(world)), scenario: source })
+    }
+
+    /// The world behind the mocks; only tests look at it.
+    pub fn world(&self) -> &Arc<Mutex<SimulatedBench>> {
+        &self.world
+    }
+
+    /// Starts a mock for every instrument of a bench on in-process streams.
+    ///
+    /// # Errors
+    /// A model that cannot be simulated; an address that is not in-process.
+    pub fn serve_in_process(&self, bench: &Bench, clock: &Clock, hub: &MemoryHub) -> Result<(), SimError> {
+        for (role, instrument) in bench.instruments.addressed() {
+            let device = self.device(role, &instrument.model)?;
+            let Address::Memory { name } = &instrument.address else {
+                return Err(SimError::Port {
+                    role,
+                    address: instrument.address.to_string(),
+                    reason: "expected `memory:` addresses only: the bench runs in this process".to_owned(),
+                });
+            };
+            let port = |reason: String| SimError::Port { role, address: instrument.address.to_string(), reason };
+            mock::serve_memory(device, hub, name, clock.clone()).map_err(|error| port(error.to_string()))?;
+        }
+        Ok(())
+    }
+
+    /// Starts a mock for every instrument of a bench on a real port each: TCP where the address is TCP or in-process (then on a free port), a
+    /// pseudo-terminal where it is serial.
+    ///
+    /// # Errors
+    /// A model that cannot be simulated; a port that is taken.
+    pub async fn serve_on_ports(&self, bench: &Bench, clock: &Clock) -> Result<Vec<Served>, SimError> {
+        let mut served = Vec::new();
+        for (role, instrument) in bench.instruments.addressed() {
+            let device = self.device(role, &instrument.model)?;
+            let port = |reason: String| SimError::Port { role, address: instrument.address.to_string(), reason };
+            let address = match &instrument.address {
+                Address::Tcp { host, port: number } => {
+                    let bound = mock::serve_tcp(device, &format!("{host}:{number}"), clock.clone()).await.map_err(|error| port(error.to_string()))?;
+                    format!("tcp://{bound}")
+                }
+                Address::Memory { .. } => {
+                    let bound = mock::serve_tcp(device, "127.0.0.1:0", clock.clone()).await.map_err(|error| port(error.to_string()))?;
+                    format!("tcp://{bound}")
+                }
+                Address::Serial(settings) => {
+                    let path = mock::serve_pty(device, clock.clone()).map_err(|error| port(error.to_string()))?;
+                    let mut settings = settings.clone();
+                    settings.path = path;
+                    Address::Serial(settings).to_string()
+                }
+            };
+            served.push(Served { role, model: instrument.model.clone(), address });
+        }
+        Ok(served)
+    }
+
+    fn device(&self, role: &'static str, model: &str) -> Result<Box<dyn mock::Device>, SimError> {
+        let plant: SharedPlant = self.world.clone();
+        mock::make(model, plant, &MockOptions::default()).map_err(|error| SimError::Model { role, reason: error.to_string() })
+    }
+}

@@ -1,0 +1,87 @@
+//! Julabo CF/F/FL/MS: `IN_`/`OUT_` commands ended by CR, answers by CR LF; writes are never answered, and ignored in manual mode.
+
+use super::{Dialect, Status};
+use crate::{
+    exchange::{Exchange, Identity},
+    link::LinkProfile,
+    scpi::decode::Terminator,
+    supply4q::ms,
+    units::Celsius,
+};
+
+/// Julabo refrigerated circulator.
+pub(super) const JULABO: Julabo = Julabo;
+
+pub(super) struct Julabo;
+
+impl Dialect for Julabo {
+    fn key(&self) -> &'static str {
+        "julabo"
+    }
+
+    fn profile(&self) -> LinkProfile {
+        // The manual asks for 250 ms after a command.
+        LinkProfile { min_gap: ms(250), strip_flow_control: true, ..LinkProfile::scpi(Terminator::Cr) }
+    }
+
+    fn identity_query(&self) -> &'static str {
+        "VERSION"
+    }
+
+    fn recognises(&self, identity: &Identity) -> bool {
+        identity.raw.to_ascii_uppercase().starts_with("JULABO")
+    }
+
+    fn range(&self) -> (Celsius, Celsius) {
+        (Celsius(-20.0), Celsius(150.0))
+    }
+
+    fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange> {
+        match setpoint {
+            Some(Celsius(celsius)) => vec![
+                Exchange::number(format!("OUT_SP_00 {celsius:.2}"), "IN_SP_00", celsius, 0.006),
+                Exchange::word("OUT_MODE_05 1", "IN_MODE_05", &["1"]),
+            ],
+            None => vec![Exchange::word("OUT_MODE_05 0", "IN_MODE_05", &["0"])],
+        }
+    }
+
+    fn queries(&self) -> [&'static str; 2] {
+        ["IN_PV_00", "STATUS"]
+    }
+
+    fn status(&self, answer: &str) -> Status {
+        let raw = answer.trim().to_owned();
+        let code = raw.split_whitespace().next().and_then(|code| code.parse::<i32>().ok());
+        let warning_only = raw.to_ascii_uppercase().contains("WARNING");
+        // −08…−11 complain of the last command; they say nothing of the bath.
+        let alarm = matches!(code, Some(code) if code < 0 && !(-11..=-8).contains(&code)) && !warning_only;
+        Status {
+            running: matches!(code, Some(1 | 3)),
+            remote: !matches!(code, Some(0 | 1)),
+            alarm: alarm.then(|| raw.clone()),
+            raw,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn status_codes_are_told_apart() {
+        for (answer, running, remote, alarm) in [
+            ("00 MANUAL STOP", false, false, false),
+            ("01 MANUAL START", true, false, false),
+            ("02 REMOTE STOP", false, true, false),
+            ("03 REMOTE START", true, true, false),
+            ("-01 LOW LEVEL ALARM", false, true, true),
+            ("-03 EXCESS TEMPERATURE WARNING", false, true, false),
+            ("-09 COMMAND NOT ALLOWED IN CURRENT OPERATING MODE", false, true, false),
+        ] {
+            let status = JULABO.status(answer);
+            assert_eq!((status.running, status.remote, status.alarm.is_some()), (running, remote, alarm), "{answer}");
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! Siglent SDL1000X: no error queue, so every setting is read back. The set words and the answers of `FUNC` differ.
+
+use super::{Capabilities, Dialect, Discharge};
+use crate::{
+    exchange::{Exchange, Identity},
+    link::LinkProfile,
+    scpi::decode::Terminator,
+    supply4q::ms,
+    units::Amps,
+};
+
+/// Siglent SDL1020X/1030X.
+pub(super) const SDL1000X: Sdl = Sdl;
+
+pub(super) struct Sdl;
+
+impl Dialect for Sdl {
+    fn key(&self) -> &'static str {
+        "siglent-sdl1000x"
+    }
+
+    fn profile(&self) -> LinkProfile {
+        LinkProfile { min_gap: ms(10), ..LinkProfile::scpi(Terminator::Lf) }
+    }
+
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { max_current: Amps(30.0), max_power_w: 200.0 }
+    }
+
+    fn recognises(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDL")
+    }
+
+    fn input(&self, on: bool) -> Vec<Exchange> {
+        if on {
+            vec![Exchange::word(":INP ON", ":INP?", &["1", "ON"])]
+        } else {
+            vec![Exchange::word(":INP OFF", ":INP?", &["0", "OFF"])]
+        }
+    }
+
+    fn prepare(&self, discharge: &Discharge) -> Vec<Exchange> {
+        let current = discharge.current.value();
+        // The 5 A range is the finer one; any greater value selects 30 A.
+        let (range, range_value) = if current <= 5.0 { ("5", 5.0) } else { ("30", 30.0) };
+        let stop = discharge.stop_below.value();
+        vec![
+            Exchange::word(":FUNC CURRent", ":FUNC?", &["CURRENT"]),
+            Exchange::number(format!(":CURR:IRANG {range}"), ":CURR:IRANG?", range_value, 0.1),
+            Exchange::number(format!(":CURR:LEV:IMM {current:.4}"), ":CURR:LEV:IMM?", current, 2.0e-3),
+            // With the latch off the input opens by itself when the cell falls below this voltage: a second guard beside the daemon.
+            Exchange::word(":VOLT:LATC OFF", ":VOLT:LATC?", &["0", "OFF"]),
+            Exchange::number(format!(":VOLT:LEV:ON {stop:.3}"), ":VOLT:LEV:ON?", stop, 5.0e-3),
+        ]
+    }
+
+    fn measure(&self) -> [&'static str; 2] {
+        ["MEAS:VOLT?", "MEAS:CURR?"]
+    }
+}

@@ -1,0 +1,49 @@
+//! Keysight/Agilent/HP 34970A, 34972A, DAQ970A.
+
+use super::Dialect;
+use crate::{
+    exchange::{Exchange, Identity},
+    link::LinkProfile,
+    scpi::decode::Terminator,
+    supply4q::ms,
+};
+
+/// Keysight 34970A.
+pub(super) const LOGGER_34970A: Keysight34970a = Keysight34970a;
+
+pub(super) struct Keysight34970a;
+
+impl Dialect for Keysight34970a {
+    fn key(&self) -> &'static str {
+        "keysight-34970a"
+    }
+
+    fn profile(&self) -> LinkProfile {
+        // A scan of thermocouples takes some 100 ms a channel.
+        LinkProfile { min_gap: ms(5), timeout: ms(10_000), error_query: Some("SYST:ERR?"), ..LinkProfile::scpi(Terminator::Lf) }
+    }
+
+    fn recognises(&self, identity: &Identity) -> bool {
+        ["34970A", "34972A", "DAQ970A"].iter().any(|model| identity.model.starts_with(model))
+    }
+
+    fn configure(&self, channels: &[u16]) -> Vec<Exchange> {
+        let list = channels.iter().map(u16::to_string).collect::<Vec<_>>().join(",");
+        vec![
+            Exchange::send(format!("CONF:TEMP TC,K,(@{list})")),
+            Exchange::send(format!("UNIT:TEMP C,(@{list})")),
+            Exchange::send(format!("ROUT:SCAN (@{list})")),
+            Exchange::send("TRIG:SOUR IMM"),
+            Exchange::send("TRIG:COUN 1"),
+            // Without these four the answer holds readings only.
+            Exchange::send("FORM:READ:TIME OFF"),
+            Exchange::send("FORM:READ:CHAN OFF"),
+            Exchange::send("FORM:READ:UNIT OFF"),
+            Exchange::send("FORM:READ:ALAR OFF"),
+        ]
+    }
+
+    fn scan(&self) -> &'static str {
+        "READ?"
+    }
+}

@@ -1,0 +1,59 @@
+//! Siglent SPD3303X: no output query, so the state is read from the hexadecimal status word (bit 4: channel 1 on); its error answers are not
+//! quoted. Wants 10 ms after each write.
+
+use super::{Capabilities, Charge, Dialect};
+use crate::{
+    exchange::{Exchange, Expect, Identity},
+    link::LinkProfile,
+    scpi::decode::Terminator,
+    supply4q::ms,
+    units::{Amps, Volts},
+};
+
+/// Siglent SPD3303X/-E.
+pub(super) const SPD3303X: Spd = Spd;
+
+/// Status bit of an output that is on, channel 1.
+const CHANNEL_1_ON: u32 = 1 << 4;
+
+pub(super) struct Spd;
+
+impl Dialect for Spd {
+    fn key(&self) -> &'static str {
+        "siglent-spd3303x"
+    }
+
+    fn profile(&self) -> LinkProfile {
+        LinkProfile { min_gap: ms(20), error_query: Some("SYST:ERR?"), ..LinkProfile::scpi(Terminator::Lf) }
+    }
+
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { max_current: Amps(3.2), max_voltage: Volts(32.0) }
+    }
+
+    fn recognises(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("Siglent") && identity.model.starts_with("SPD")
+    }
+
+    fn output(&self, on: bool) -> Vec<Exchange> {
+        let (message, bits) = if on { ("OUTP CH1,ON", CHANNEL_1_ON) } else { ("OUTP CH1,OFF", 0) };
+        vec![Exchange::Set {
+            message: message.to_owned(),
+            read_back: "SYST:STAT?".to_owned(),
+            expect: Expect::Bits { mask: CHANNEL_1_ON, bits },
+        }]
+    }
+
+    fn prepare(&self, charge: &Charge) -> Vec<Exchange> {
+        let (voltage, current) = (charge.voltage.value(), charge.current.value());
+        vec![
+            Exchange::send("OUTP:TRACK 0"),
+            Exchange::number(format!("CH1:VOLT {voltage:.3}"), "CH1:VOLT?", voltage, 2.0e-3),
+            Exchange::number(format!("CH1:CURR {current:.3}"), "CH1:CURR?", current, 2.0e-3),
+        ]
+    }
+
+    fn measure(&self) -> [&'static str; 2] {
+        ["MEAS:VOLT? CH1", "MEAS:CURR? CH1"]
+    }
+}

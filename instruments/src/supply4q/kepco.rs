@@ -1,0 +1,110 @@
+//! Kepco BOP. Two families that differ where it matters: BOP-MG/-GL select the analog input by command (`CURR:MODE EXT`, manual BOP 1KW-MG,
+//! section 3.5.6), the linear BOP 20-20 with a BIT card by switches and wiring, where `EXT` is an unknown word.
+//!
+//! Numbers go out as plain `%.4f`: the parser of the instrument drops digits silently when there are more than four before the point.
+
+use super::{AnalogSelect, Capabilities, Dialect, Limits, ms};
+use crate::{
+    exchange::{Exchange, Identity},
+    link::LinkProfile,
+    scpi::decode::Terminator,
+    units::{Amps, Volts},
+};
+
+/// Kepco BOP 20-50MG/GL class, 1 kW, analog input selected by command; here the 20 V / 20 A member of the family.
+pub(super) const BOP_MG: Kepco = Kepco { key: "kepco-bop-mg", analog_select: AnalogSelect::Command };
+/// Kepco BOP 20-20M/D/ML, linear, with a BIT card.
+pub(super) const BOP_LINEAR: Kepco = Kepco { key: "kepco-bop-linear", analog_select: AnalogSelect::Wiring };
+
+/// Tolerance of read-backs: the display of a 20 A instrument rounds to a milliampere.
+const TOLERANCE: f64 = 5.0e-3;
+
+pub(super) struct Kepco {
+    key: &'static str,
+    analog_select: AnalogSelect,
+}
+
+impl Dialect for Kepco {
+    fn key(&self) -> &'static str {
+        self.key
+    }
+
+    fn profile(&self) -> LinkProfile {
+        // ≈25 ms a command on the LAN card, which loses what comes faster.
+        LinkProfile { min_gap: ms(35), error_query: Some("SYST:ERR?"), ..LinkProfile::scpi(Terminator::Lf) }
+    }
+
+    fn capabilities(&self) -> Capabilities {
+        Capabilities {
+            analog_select: self.analog_select,
+            full_scale: Amps(20.0),
+            full_scale_voltage: Volts(20.0),
+            analog_full_scale: Volts(10.0),
+            open_when_off: self.analog_select == AnalogSelect::Command,
+        }
+    }
+
+    fn recognises(&self, identity: &Identity) -> bool {
+        identity.raw.to_ascii_uppercase().starts_with("KEPCO")
+    }
+
+    fn output(&self, on: bool) -> Vec<Exchange> {
+        if on { vec![Exchange::word("OUTP ON", "OUTP?", &["1", "ON"])] } else { vec![Exchange::word("OUTP OFF", "OUTP?", &["0", "OFF"])] }
+    }
+
+    fn prepare(&self, limits: &Limits) -> Vec<Exchange> {
+        let mut script = Vec::new();
+        if self.analog_select == AnalogSelect::Command {
+            // BATTERY opens the output when it is off; the factory setting would hold zero volts across the cell.
+            script.push(Exchange::word("OUTP:MODE BATTERY", "OUTP:MODE?", &["BATTERY", "BATT"]));
+            script.push(Exchange::word("CURR:MODE FIX", "CURR:MODE?", &["FIX", "FIXED"]));
+        }
+        script.push(Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"]));
+        script.push(Exchange::number("CURR 0.0000", "CURR?", 0.0, TOLERANCE));
+        let compliance = limits.compliance.value();
+        script.push(Exchange::number(format!("VOLT {compliance:.4}"), "VOLT?", compliance, TOLERANCE));
+        if self.analog_select == AnalogSelect::Command {
+            let current = limits.current.value();
+            script.push(Exchange::number(format!("CURR:PROT {current:.4}"), "CURR:PROT?", current, TOLERANCE));
+        }
+        script
+    }
+
+    fn analog(&self, on: bool) -> Vec<Exchange> {
+        match (self.analog_select, on) {
+            (AnalogSelect::Command, true) => vec![Exchange::word("CURR:MODE EXT", "CURR:MODE?", &["EXT", "EXTERNAL"])],
+            (AnalogSelect::Command, false) => vec![Exchange::word("CURR:MODE FIX", "CURR:MODE?", &["FIX", "FIXED"])],
+            (AnalogSelect::Wiring, _) => Vec::new(),
+        }
+    }
+
+    fn measure(&self) -> [&'static str; 2] {
+        ["MEAS:VOLT?", "MEAS:CURR?"]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(script: &[Exchange]) -> Vec<&str> {
+        script
+            .iter()
+            .map(|exchange| match exchange {
+                Exchange::Send(message) | Exchange::Set { message, .. } => message.as_str(),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_switching_family_selects_the_analog_input_by_command_and_the_linear_one_never_sends_it() {
+        let limits = Limits { compliance: Volts(5.0), current: Amps(3.0) };
+        assert_eq!(
+            words(&BOP_MG.prepare(&limits)),
+            ["OUTP:MODE BATTERY", "CURR:MODE FIX", "FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000", "CURR:PROT 3.0000"]
+        );
+        assert_eq!(words(&BOP_MG.analog(true)), ["CURR:MODE EXT"]);
+        assert_eq!(words(&BOP_LINEAR.prepare(&limits)), ["FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000"]);
+        assert_eq!(BOP_LINEAR.analog(true), []);
+    }
+}
