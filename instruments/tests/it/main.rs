@@ -1,0 +1,5 @@
+//! What only shows when the layers work together, over real ports and in-process ones.
+
+mod device;
+mod link;
+mod ports;
