@@ -5,11 +5,12 @@
 use scpi::{Branch, Leaf, Root, error::Error, tree::Node};
 
 use super::{
-    Device, MockOptions, Terminator,
+    Device, MockOptions,
     plant::{Fixture, SharedPlant},
     tree::{Answer, Arguments, Fallible, HasStatus, Status, both, common, exchange, get, set, text},
     world::World,
 };
+use crate::scpi::decode::Terminator;
 
 const QUEUE_DEPTH: usize = 10;
 
@@ -66,7 +67,7 @@ impl scpi::Device for Jig {
 
 impl Device for Jig {
     fn terminator(&self) -> Terminator {
-        Terminator::Nl
+        Terminator::Lf
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {

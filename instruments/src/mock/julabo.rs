@@ -5,10 +5,11 @@
 //! with the next command that is in order; the working range is that of a CF31.
 
 use super::{
-    Device, MockOptions, Terminator,
+    Device, MockOptions,
     plant::{Action, ChillerState, Meter, SharedPlant},
     world::World,
 };
+use crate::scpi::decode::Terminator;
 
 const SETPOINT_RANGE_C: (f64, f64) = (-30.0, 200.0);
 const VERSION: &str = "JULABO CRYOCOMPACT CF31 VERSION 5.0";

@@ -11,22 +11,18 @@ mod julabo;
 mod kepco;
 mod number;
 mod scanner;
+mod scope;
 mod sdg;
 mod sdl;
+mod serve;
 mod spd;
 mod tree;
 mod world;
 
 use plant::SharedPlant;
+pub use serve::{serve, serve_memory, serve_pty, serve_tcp};
 
-/// What ends a message to an instrument.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Terminator {
-    /// Line feed.
-    Nl,
-    /// Carriage return.
-    Cr,
-}
+use crate::scpi::decode::Terminator;
 
 /// A simulated instrument: answers messages, acts on its world, reads it.
 pub trait Device: Send {
@@ -99,6 +95,12 @@ pub const MODELS: &[Model] = &[
         role: "generator",
         description: "Siglent SDG1032X: sine and offset on channel 1",
         make: |plant, options| Box::new(sdg::Sdg::new(plant, options)),
+    },
+    Model {
+        key: "siglent-sds800x-hd",
+        role: "scope",
+        description: "Siglent SDS824X HD: four channels, 12 bits",
+        make: |plant, options| Box::new(scope::Scope::new(plant, options)),
     },
     Model {
         key: "siglent-sdl1000x",

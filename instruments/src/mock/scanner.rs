@@ -11,12 +11,13 @@ use scpi::{
 };
 
 use super::{
-    Device, MockOptions, Terminator,
+    Device, MockOptions,
     number::signed_nr3,
     plant::{Meter, SharedPlant},
     tree::{Answer, Arguments, Fallible, HasStatus, Status, both, common, exchange, fail, get, set, text},
     world::World,
 };
+use crate::scpi::decode::Terminator;
 
 const QUEUE_DEPTH: usize = 10;
 const CHANNELS: std::ops::RangeInclusive<u16> = 101..=120;
@@ -326,7 +327,7 @@ impl scpi::Device for Scanner {
 
 impl Device for Scanner {
     fn terminator(&self) -> Terminator {
-        Terminator::Nl
+        Terminator::Lf
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {

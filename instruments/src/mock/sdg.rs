@@ -12,12 +12,13 @@ use std::f64::consts::SQRT_2;
 use scpi::{Branch, Leaf, Root, error::Error, parser::mnemonic_compare, tree::Node};
 
 use super::{
-    Device, MockOptions, Terminator,
+    Device, MockOptions,
     number::general,
     plant::{Action, GeneratorState, SharedPlant},
     tree::{Answer, Argument, Arguments, Fallible, both, common, exchange, get, set, text, to_number},
     world::World,
 };
+use crate::scpi::decode::Terminator;
 
 /// Source resistance, Ω.
 const SOURCE_OHM: f64 = 50.0;
@@ -334,7 +335,7 @@ impl scpi::Device for Sdg {
 
 impl Device for Sdg {
     fn terminator(&self) -> Terminator {
-        Terminator::Nl
+        Terminator::Lf
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {

@@ -8,11 +8,12 @@
 use scpi::{Branch, Leaf, Root, error::Error, tree::Node};
 
 use super::{
-    Device, MockOptions, Terminator,
+    Device, MockOptions,
     plant::{Action, LoadState, Meter, SharedPlant},
     tree::{Answer, Arguments, Fallible, Span, both, common, exchange, fail, get, set, text},
     world::World,
 };
+use crate::scpi::decode::Terminator;
 
 const MAX_AMPS: f64 = 30.0;
 const MAX_VOLTS: f64 = 150.0;
@@ -306,7 +307,7 @@ impl scpi::Device for Sdl {
 
 impl Device for Sdl {
     fn terminator(&self) -> Terminator {
-        Terminator::Nl
+        Terminator::Lf
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {

@@ -10,11 +10,12 @@ use scpi::{
 };
 
 use super::{
-    Device, MockOptions, Terminator,
+    Device, MockOptions,
     plant::{Action, Meter, SharedPlant, SupplyState},
     tree::{Answer, Arguments, Fallible, HasStatus, Span, Status, both, common, exchange, fail, get, set, text},
     world::World,
 };
+use crate::scpi::decode::Terminator;
 
 const VOLT_SPAN: Span = Span { min: 0.0, max: 32.0, default: 0.0 };
 const AMP_SPAN: Span = Span { min: 0.0, max: 3.2, default: 0.0 };
@@ -221,7 +222,7 @@ impl scpi::Device for Spd {
 
 impl Device for Spd {
     fn terminator(&self) -> Terminator {
-        Terminator::Nl
+        Terminator::Lf
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {

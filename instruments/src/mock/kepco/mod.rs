@@ -10,11 +10,12 @@ mod tree;
 use scpi::error::{Error, ErrorCode};
 
 use super::{
-    Device, MockOptions, Terminator,
+    Device, MockOptions,
     plant::{Action, BipolarState, SharedPlant},
     tree::{Fallible, HasStatus, Span, Status, exchange, fail},
     world::World,
 };
+use crate::scpi::decode::Terminator;
 
 /// Longest message in bytes; a longer one overruns the input buffer.
 const LONGEST_MESSAGE: usize = 253;
@@ -240,7 +241,7 @@ impl scpi::Device for Kepco {
 
 impl Device for Kepco {
     fn terminator(&self) -> Terminator {
-        Terminator::Nl
+        Terminator::Lf
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {

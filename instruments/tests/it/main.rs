@@ -1,0 +1,5 @@
+//! The integration tests of the crate, in one binary.
+
+mod mocks_devices;
+mod mocks_plant;
+mod mocks_scope;
