@@ -1,1 +1,321 @@
-//! Placeholder.
+//! The one async seam: a question goes out, its answer comes back. One exchange at a time, by `&mut self`.
+//!
+//! The link keeps the rules that hold for every instrument: gaps and deadlines, the error queue after a write, reading back what was set, every message
+//! on the tap. After a timeout, a closed connection or an answer that is none, the stream is dropped and stays so until [`Link::reconnect`], for the next
+//! answer would be the last question's. The same holds when a caller abandons an exchange half-way. Nothing is ever sent twice.
+//!
+//! Opening sends nothing, closing sends nothing: disconnecting is not switching off.
+
+mod connection;
+mod error;
+mod profile;
+
+use std::time::Duration;
+
+pub use error::LinkError;
+pub use profile::{LinkOptions, LinkProfile};
+
+use connection::{Broken, Connection};
+
+use crate::{
+    clock::{Clock, TimeMode},
+    scpi::{
+        decode::{Expect, Response},
+        excerpt,
+        status::{self, ErrorEntry},
+        text_of,
+    },
+    transcript::{BlockRecord, Direction, INLINE_BLOCK_BYTES, Payload, Record},
+    transport::{self, Address},
+};
+
+/// Most entries that are taken out of an error queue at once; real queues hold 10 to 30.
+const MAX_QUEUED_ERRORS: usize = 20;
+
+/// A connection to one instrument.
+#[derive(Debug)]
+pub struct Link {
+    options: LinkOptions,
+    /// Taken out during an exchange, so that an abandoned exchange drops it.
+    connection: Option<Connection>,
+    /// Why there is no connection.
+    why: String,
+    /// Bench time before which nothing may be sent, s.
+    ready_at_s: f64,
+}
+
+impl Link {
+    /// Connects. Sends nothing; a serial line must first be silent for the profile's `quiet`.
+    ///
+    /// # Errors
+    /// [`LinkError::Connect`], [`LinkError::ConnectTimeout`], or [`LinkError::VirtualTime`] for a real port in virtual time.
+    pub async fn open(options: LinkOptions) -> Result<Self, LinkError> {
+        let quiet = options.profile.quiet;
+        let mut link = Self { options, connection: None, why: "not connected yet".to_owned(), ready_at_s: f64::NEG_INFINITY };
+        link.connect(quiet).await?;
+        Ok(link)
+    }
+
+    /// The instrument's name on this bench.
+    pub fn name(&self) -> &str {
+        &self.options.name
+    }
+
+    /// The clock whose time is on the tap.
+    pub fn clock(&self) -> &Clock {
+        &self.options.clock
+    }
+
+    /// Where the instrument is.
+    pub fn address(&self) -> &Address {
+        &self.options.address
+    }
+
+    /// How the instrument wants to be talked to.
+    pub fn profile(&self) -> &LinkProfile {
+        &self.options.profile
+    }
+
+    /// The link answers nothing until it is reconnected.
+    pub fn is_dropped(&self) -> bool {
+        self.connection.is_none()
+    }
+
+    /// Connects anew and sends nothing. A serial line must first be silent for the longest time that an answer may take, since the answer to an old
+    /// question could still be on its way.
+    ///
+    /// # Errors
+    /// As [`Link::open`]; the link stays dropped then.
+    pub async fn reconnect(&mut self) -> Result<(), LinkError> {
+        let quiet = self.options.profile.quiet.max(self.options.profile.timeout);
+        self.connect(quiet).await
+    }
+
+    /// Sends a message that has no answer, then empties the error queue where the profile names one.
+    ///
+    /// # Errors
+    /// [`LinkError::Refused`] when there was an error in the queue; else as [`Link::query`].
+    pub async fn send(&mut self, message: &str) -> Result<(), LinkError> {
+        self.send_unchecked(message).await?;
+        let mut entries = self.drain_errors().await?.into_iter();
+        match entries.next() {
+            None => Ok(()),
+            Some(ErrorEntry { code, message: text }) => {
+                Err(LinkError::Refused { link: self.link(), message: message.to_owned(), code, text, further: entries.collect() })
+            }
+        }
+    }
+
+    /// Sends a message that has no answer and asks nothing: for instruments without error queue whose state is read back later.
+    ///
+    /// # Errors
+    /// As [`Link::query`], without a deadline for an answer.
+    pub async fn send_unchecked(&mut self, message: &str) -> Result<(), LinkError> {
+        self.exchange(message, None).await.map(|_| ())
+    }
+
+    /// Asks and waits for a line.
+    ///
+    /// # Errors
+    /// [`LinkError::Timeout`], [`LinkError::WriteTimeout`], [`LinkError::Closed`], [`LinkError::Io`], [`LinkError::Garbage`] and [`LinkError::Noise`] drop
+    /// the link; [`LinkError::Dropped`] when it was dropped before; [`LinkError::Unsendable`] when `message` is not printable ASCII.
+    pub async fn query(&mut self, message: &str) -> Result<String, LinkError> {
+        match self.exchange(message, Some(Expect::Line)).await? {
+            Some(Response::Line(line)) => Ok(line),
+            _ => Ok(String::new()),
+        }
+    }
+
+    /// Asks and waits for a block; answers its payload.
+    ///
+    /// # Errors
+    /// As [`Link::query`], with the deadline for blocks.
+    pub async fn query_block(&mut self, message: &str) -> Result<Vec<u8>, LinkError> {
+        match self.exchange(message, Some(Expect::Block)).await? {
+            Some(Response::Block { payload, .. }) => Ok(payload),
+            _ => Ok(Vec::new()),
+        }
+    }
+
+    /// Sets something and reads it back. `accept` says of the answer what was expected instead.
+    ///
+    /// # Errors
+    /// [`LinkError::ReadBack`] when the answer is not accepted; else as [`Link::send`].
+    pub async fn set(&mut self, message: &str, read_back: &str, accept: impl Fn(&str) -> Result<(), String>) -> Result<(), LinkError> {
+        self.send(message).await?;
+        let answered = self.query(read_back).await?;
+        accept(&answered).map_err(|expected| LinkError::ReadBack {
+            link: self.link(),
+            sent: message.to_owned(),
+            asked: read_back.to_owned(),
+            answered: excerpt(answered.as_bytes()),
+            expected,
+        })
+    }
+
+    /// Takes the entries out of the error queue, the oldest first, at most 20. Empty where the profile names no error query.
+    ///
+    /// # Errors
+    /// As [`Link::query`], and [`LinkError::ErrorQueue`], which drops the link, when the answer is no entry.
+    pub async fn drain_errors(&mut self) -> Result<Vec<ErrorEntry>, LinkError> {
+        let mut entries = Vec::new();
+        let Some(error_query) = self.options.profile.error_query else { return Ok(entries) };
+        while entries.len() < MAX_QUEUED_ERRORS {
+            let answer = self.query(error_query).await?;
+            match status::parse_error(&answer) {
+                Ok(entry) if entry.is_ok() => break,
+                Ok(entry) => entries.push(entry),
+                Err(source) => {
+                    let error = LinkError::ErrorQueue { link: self.link(), message: error_query.to_owned(), source };
+                    self.drop_connection(&error);
+                    return Err(error);
+                }
+            }
+        }
+        Ok(entries)
+    }
+
+    async fn connect(&mut self, quiet: Duration) -> Result<(), LinkError> {
+        self.connection = None;
+        self.why = "connecting was abandoned".to_owned();
+        match self.try_connect(quiet).await {
+            Ok(connection) => {
+                self.connection = Some(connection);
+                self.remark(&format!("connected to {}", self.options.address));
+                Ok(())
+            }
+            Err(error) => {
+                self.drop_connection(&error);
+                Err(error)
+            }
+        }
+    }
+
+    async fn try_connect(&self, quiet: Duration) -> Result<Connection, LinkError> {
+        let LinkOptions { address, profile, clock, hub, .. } = &self.options;
+        if clock.mode() == TimeMode::Virtual && !matches!(address, Address::Memory { .. }) {
+            return Err(LinkError::VirtualTime { link: self.link(), address: address.clone() });
+        }
+        let deadline = profile.first_timeout;
+        let stream = match clock.deadline(deadline, transport::open(address, hub)).await {
+            Err(_) => return Err(LinkError::ConnectTimeout { link: self.link(), address: address.clone(), deadline }),
+            Ok(opened) => opened.map_err(|source| LinkError::Connect { link: self.link(), source })?,
+        };
+        let mut connection = Connection::new(stream, profile.decoder_options());
+        if connection.is_serial() {
+            self.wait_for_silence(&mut connection, quiet).await?;
+        }
+        Ok(connection)
+    }
+
+    async fn wait_for_silence(&self, connection: &mut Connection, quiet: Duration) -> Result<(), LinkError> {
+        const MAX_INTERRUPTIONS: usize = 50;
+        for _ in 0..MAX_INTERRUPTIONS {
+            match self.options.clock.deadline(quiet, connection.read_more()).await {
+                Err(_) => return Ok(()),
+                Ok(read) => read.map_err(|broken| self.error(broken, "connecting"))?,
+            }
+            self.drain(connection, "connecting").await?;
+        }
+        Err(LinkError::Noise { link: self.link(), message: "connecting".to_owned(), bytes: MAX_INTERRUPTIONS })
+    }
+
+    async fn exchange(&mut self, message: &str, expect: Option<Expect>) -> Result<Option<Response>, LinkError> {
+        if message.is_empty() || !message.bytes().all(|byte| byte == b' ' || byte.is_ascii_graphic()) {
+            return Err(LinkError::Unsendable { link: self.link(), message: excerpt(message.as_bytes()) });
+        }
+        let Some(mut connection) = self.connection.take() else {
+            return Err(LinkError::Dropped { link: self.link(), why: self.why.clone() });
+        };
+        self.why = format!("`{message}` was abandoned before it was done");
+        match self.exchange_on(&mut connection, message, expect).await {
+            Ok(answer) => {
+                self.connection = Some(connection);
+                Ok(answer)
+            }
+            Err(error) => {
+                self.drop_connection(&error);
+                Err(error)
+            }
+        }
+    }
+
+    async fn exchange_on(
+        &mut self,
+        connection: &mut Connection,
+        message: &str,
+        expect: Option<Expect>,
+    ) -> Result<Option<Response>, LinkError> {
+        let profile = self.options.profile;
+        let clock = self.options.clock.clone();
+        clock.sleep_s(self.ready_at_s - clock.now_s()).await;
+        self.drain(connection, message).await?;
+
+        self.record(Direction::Sent, Payload::Text(message.to_owned()));
+        let bytes = [message.as_bytes(), profile.terminator.bytes()].concat();
+        let deadline = profile.timeout;
+        let timed_out = |_| LinkError::WriteTimeout { link: self.link(), message: message.to_owned(), deadline };
+        clock.deadline(deadline, connection.write(&bytes)).await.map_err(timed_out)?.map_err(|broken| self.error(broken, message))?;
+
+        let Some(expect) = expect else {
+            self.ready_at_s = clock.now_s() + profile.min_gap.max(profile.write_gap).as_secs_f64();
+            return Ok(None);
+        };
+        let usual = if expect == Expect::Block { profile.block_timeout } else { profile.timeout };
+        let deadline = if connection.has_answered { usual } else { usual.max(profile.first_timeout) };
+        let timed_out = |_| LinkError::Timeout { link: self.link(), message: message.to_owned(), deadline };
+        let answer =
+            clock.deadline(deadline, connection.read(expect)).await.map_err(timed_out)?.map_err(|broken| self.error(broken, message))?;
+        self.record(Direction::Received, payload_of(&answer));
+        self.ready_at_s = clock.now_s() + profile.min_gap.as_secs_f64();
+        Ok(Some(answer))
+    }
+
+    /// Whatever came unasked is no answer to what is asked next.
+    async fn drain(&self, connection: &mut Connection, message: &str) -> Result<(), LinkError> {
+        let unasked = connection.drain().await.map_err(|broken| self.error(broken, message))?;
+        if !unasked.is_empty() {
+            tracing::warn!(link = %self.options.name, bytes = unasked.len(), found = %excerpt(&unasked), before = message, "unasked bytes were thrown away");
+            let is_short = unasked.len() <= INLINE_BLOCK_BYTES;
+            let payload = if is_short { Payload::Text(text_of(&unasked)) } else { Payload::Block(BlockRecord::new("", &unasked)) };
+            self.record(Direction::Unsolicited, payload);
+        }
+        Ok(())
+    }
+
+    fn drop_connection(&mut self, error: &LinkError) {
+        self.connection = None;
+        self.why = error.to_string();
+        tracing::warn!(link = %self.options.name, %error, "the link is dropped");
+        self.remark(&format!("dropped: {error}"));
+    }
+
+    fn error(&self, broken: Broken, message: &str) -> LinkError {
+        let (link, message) = (self.link(), message.to_owned());
+        match broken {
+            Broken::Closed => LinkError::Closed { link, message },
+            Broken::Io(source) => LinkError::Io { link, message, source },
+            Broken::Garbage(source) => LinkError::Garbage { link, message, source },
+            Broken::Noise(bytes) => LinkError::Noise { link, message, bytes },
+        }
+    }
+
+    fn remark(&self, text: &str) {
+        self.record(Direction::Remark, Payload::Text(text.to_owned()));
+    }
+
+    fn record(&self, direction: Direction, payload: Payload) {
+        self.options.tap.record(&Record { time_s: self.options.clock.now_s(), link: self.link(), direction, payload });
+    }
+
+    fn link(&self) -> String {
+        self.options.name.clone()
+    }
+}
+
+fn payload_of(answer: &Response) -> Payload {
+    match answer {
+        Response::Line(line) => Payload::Text(line.clone()),
+        Response::Block { prefix, payload } => Payload::Block(BlockRecord::new(prefix, payload)),
+    }
+}

@@ -1,1 +1,119 @@
-//! Placeholder.
+//! Bytes in, bytes out. A closed set of transports behind one type, [`Stream`]; which one is meant is text, [`Address`].
+//!
+//! Knows no messages: cutting the bytes is the business of [`crate::scpi::decode`], deadlines and order that of [`crate::link`]. Opening a stream sends
+//! nothing.
+
+mod address;
+mod memory;
+mod pty;
+mod serial;
+mod tcp;
+
+use std::{
+    io,
+    pin::Pin,
+    task::{Context, Poll},
+};
+
+use tokio::{
+    io::{AsyncRead, AsyncWrite, DuplexStream, ReadBuf},
+    net::TcpStream,
+};
+
+pub use address::{Address, AddressError, DataBits, Flow, Parity, SerialSettings, StopBits};
+pub use memory::{MemoryHub, MemoryListener};
+pub use pty::Pty;
+pub use serial::SerialConnection;
+
+/// An address that could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum TransportError {
+    /// The operating system refused.
+    #[error("cannot open {address}: {source}")]
+    Open {
+        /// The address.
+        address: Address,
+        /// What the operating system says.
+        #[source]
+        source: io::Error,
+    },
+    /// Nobody listens under this name in this process.
+    #[error("cannot open memory:{name}: nobody listens under this name in this process")]
+    NobodyListens {
+        /// The name.
+        name: String,
+    },
+    /// The listener has not yet taken in the connections that came before.
+    #[error("cannot open memory:{name}: its listener takes in no connections")]
+    Busy {
+        /// The name.
+        name: String,
+    },
+    /// Somebody listens under this name already.
+    #[error("cannot listen on memory:{name}: somebody does already")]
+    AlreadyListening {
+        /// The name.
+        name: String,
+    },
+}
+
+/// An open connection.
+#[derive(Debug)]
+pub enum Stream {
+    /// A raw TCP socket.
+    Tcp(TcpStream),
+    /// A serial port or the client's end of a pseudo terminal.
+    Serial(Box<SerialConnection>),
+    /// A pipe inside this process.
+    Memory(DuplexStream),
+}
+
+/// Opens the transport that `address` names; `hub` is where memory names are looked up. Waits as long as the operating system does: callers put a
+/// deadline around it.
+///
+/// # Errors
+/// [`TransportError`] with the address and the reason.
+pub async fn open(address: &Address, hub: &MemoryHub) -> Result<Stream, TransportError> {
+    let failed = |source| TransportError::Open { address: address.clone(), source };
+    match address {
+        Address::Tcp { host, port } => tcp::open(host, *port).await.map(Stream::Tcp).map_err(failed),
+        Address::Serial(settings) => SerialConnection::open(settings).map(|port| Stream::Serial(Box::new(port))).map_err(failed),
+        Address::Memory { name } => hub.connect(name).map(Stream::Memory),
+    }
+}
+
+impl AsyncRead for Stream {
+    fn poll_read(self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        match self.get_mut() {
+            Self::Tcp(stream) => Pin::new(stream).poll_read(cx, buf),
+            Self::Serial(stream) => Pin::new(stream.as_mut()).poll_read(cx, buf),
+            Self::Memory(stream) => Pin::new(stream).poll_read(cx, buf),
+        }
+    }
+}
+
+impl AsyncWrite for Stream {
+    fn poll_write(self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
+        match self.get_mut() {
+            Self::Tcp(stream) => Pin::new(stream).poll_write(cx, buf),
+            Self::Serial(stream) => Pin::new(stream.as_mut()).poll_write(cx, buf),
+            Self::Memory(stream) => Pin::new(stream).poll_write(cx, buf),
+        }
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        match self.get_mut() {
+            Self::Tcp(stream) => Pin::new(stream).poll_flush(cx),
+            Self::Serial(stream) => Pin::new(stream.as_mut()).poll_flush(cx),
+            Self::Memory(stream) => Pin::new(stream).poll_flush(cx),
+        }
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        match self.get_mut() {
+            Self::Tcp(stream) => Pin::new(stream).poll_shutdown(cx),
+            Self::Serial(stream) => Pin::new(stream.as_mut()).poll_shutdown(cx),
+            Self::Memory(stream) => Pin::new(stream).poll_shutdown(cx),
+        }
+    }
+}

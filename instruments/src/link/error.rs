@@ -1,0 +1,169 @@
+//! What can go wrong on a link.
+
+use std::{io, time::Duration};
+
+use crate::{
+    scpi::{
+        decode::DecodeError,
+        status::{ErrorEntry, StatusError},
+    },
+    transport::{Address, TransportError},
+};
+
+/// An exchange that failed; every text names the instrument, the message and the deadline where there is one.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// The address could not be opened.
+    #[error("{link}: {source}")]
+    Connect {
+        /// The instrument.
+        link: String,
+        /// The reason.
+        #[source]
+        source: TransportError,
+    },
+    /// The address did not take the connection in time.
+    #[error("{link}: expected {address} to take a connection within {deadline:?}, it did not")]
+    ConnectTimeout {
+        /// The instrument.
+        link: String,
+        /// Its address.
+        address: Address,
+        /// The deadline that passed.
+        deadline: Duration,
+    },
+    /// Virtual time jumps ahead while a real port has an answer under way.
+    #[error("{link}: expected a memory: address in virtual time, found {address}")]
+    VirtualTime {
+        /// The instrument.
+        link: String,
+        /// Its address.
+        address: Address,
+    },
+    /// The message holds what would end it or is no text an instrument reads; nothing was sent.
+    #[error("{link}: expected a message of printable ASCII, found `{message}`; nothing was sent")]
+    Unsendable {
+        /// The instrument.
+        link: String,
+        /// The message, escaped.
+        message: String,
+    },
+    /// The instrument did not take the message in time. The link is dropped.
+    #[error("{link}: expected `{message}` to be taken within {deadline:?}, it was not")]
+    WriteTimeout {
+        /// The instrument.
+        link: String,
+        /// The message.
+        message: String,
+        /// The deadline that passed.
+        deadline: Duration,
+    },
+    /// No answer came in time. The link is dropped.
+    #[error("{link}: expected an answer to `{message}` within {deadline:?}, found none")]
+    Timeout {
+        /// The instrument.
+        link: String,
+        /// The message.
+        message: String,
+        /// The deadline that passed.
+        deadline: Duration,
+    },
+    /// The instrument closed the connection, or its plug was pulled. The link is dropped.
+    #[error("{link}: the connection was closed from the other side at `{message}`")]
+    Closed {
+        /// The instrument.
+        link: String,
+        /// The message.
+        message: String,
+    },
+    /// The operating system reports a failure. The link is dropped.
+    #[error("{link}: the connection failed at `{message}`: {source}")]
+    Io {
+        /// The instrument.
+        link: String,
+        /// The message.
+        message: String,
+        /// The failure.
+        #[source]
+        source: io::Error,
+    },
+    /// The answer is not what it should be. The link is dropped.
+    #[error("{link}: answer to `{message}`: {source}")]
+    Garbage {
+        /// The instrument.
+        link: String,
+        /// The message.
+        message: String,
+        /// What is wrong.
+        #[source]
+        source: DecodeError,
+    },
+    /// The answer to the error query is none. The link is dropped.
+    #[error("{link}: answer to `{message}`: {source}")]
+    ErrorQueue {
+        /// The instrument.
+        link: String,
+        /// The error query.
+        message: String,
+        /// What is wrong.
+        #[source]
+        source: StatusError,
+    },
+    /// The instrument does not stop sending. The link is dropped.
+    #[error("{link}: expected silence before `{message}`, found {bytes} bytes and no end")]
+    Noise {
+        /// The instrument.
+        link: String,
+        /// What was to be sent.
+        message: String,
+        /// Bytes that came unasked.
+        bytes: usize,
+    },
+    /// The instrument put an error into its queue.
+    #[error("{link}: `{message}` was refused: {code}, {text}{}", listed(.further))]
+    Refused {
+        /// The instrument.
+        link: String,
+        /// The message.
+        message: String,
+        /// The number of the first error.
+        code: i32,
+        /// Its text.
+        text: String,
+        /// The errors after it.
+        further: Vec<ErrorEntry>,
+    },
+    /// The instrument did not take over what was set.
+    #[error("{link}: after `{sent}`, `{asked}` answered `{answered}`: expected {expected}")]
+    ReadBack {
+        /// The instrument.
+        link: String,
+        /// What was set.
+        sent: String,
+        /// The query that read it back.
+        asked: String,
+        /// Its answer.
+        answered: String,
+        /// What it should have been.
+        expected: String,
+    },
+    /// The link was dropped before; nothing was sent.
+    #[error("{link}: the link is dropped ({why}); nothing was sent")]
+    Dropped {
+        /// The instrument.
+        link: String,
+        /// Why it was dropped.
+        why: String,
+    },
+}
+
+fn listed(entries: &[ErrorEntry]) -> String {
+    entries.iter().map(|entry| format!("; {entry}")).collect()
+}
+
+impl LinkError {
+    /// The link is dropped after this error and answers nothing until it is reconnected.
+    pub fn drops_link(&self) -> bool {
+        !matches!(self, Self::Unsendable { .. } | Self::Refused { .. } | Self::ReadBack { .. })
+    }
+}

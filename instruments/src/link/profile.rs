@@ -1,0 +1,89 @@
+//! How one model wants to be talked to, and what a link is opened with.
+
+use std::time::Duration;
+
+use crate::{
+    clock::Clock,
+    scpi::decode::{DecoderOptions, Terminator},
+    transcript::Tap,
+    transport::{Address, MemoryHub},
+};
+
+/// The manners of one dialect. Gaps count bench time, deadlines count time on the wire ([`Clock::deadline`]).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LinkProfile {
+    /// Written behind every message. Answers end with NL, or with CR too where this is [`Terminator::Cr`].
+    pub terminator: Terminator,
+    /// Least time between the end of one exchange and the next message.
+    pub min_gap: Duration,
+    /// Least time after a message that has no answer, if longer than `min_gap`.
+    pub write_gap: Duration,
+    /// Deadline for connecting and for the first answer on a connection.
+    pub first_timeout: Duration,
+    /// Deadline for every later line, and for handing a message over.
+    pub timeout: Duration,
+    /// Deadline for a whole block.
+    pub block_timeout: Duration,
+    /// How long a serial line must be silent after it was opened, since a serial port cannot tell an answer to a question from before.
+    pub quiet: Duration,
+    /// Asked after every write; `None` where the instrument has no error queue.
+    pub error_query: Option<&'static str>,
+    /// XON and XOFF are taken out of the answers.
+    pub strip_flow_bytes: bool,
+    /// Longest line, bytes.
+    pub max_line: usize,
+    /// Longest block, bytes.
+    pub max_block: usize,
+}
+
+impl LinkProfile {
+    /// An instrument with a SCPI error queue on a raw socket: NL, no gaps, 10 s for the first answer, 2 s for later ones, 30 s for a block.
+    pub const fn scpi() -> Self {
+        Self {
+            terminator: Terminator::Lf,
+            min_gap: Duration::ZERO,
+            write_gap: Duration::ZERO,
+            first_timeout: Duration::from_secs(10),
+            timeout: Duration::from_secs(2),
+            block_timeout: Duration::from_secs(30),
+            quiet: Duration::from_millis(100),
+            error_query: Some("SYST:ERR?"),
+            strip_flow_bytes: false,
+            max_line: 64 << 10,
+            max_block: 64 << 20,
+        }
+    }
+
+    pub(super) fn decoder_options(&self) -> DecoderOptions {
+        DecoderOptions {
+            terminator: self.terminator,
+            max_line: self.max_line,
+            max_block: self.max_block,
+            strip_flow_bytes: self.strip_flow_bytes,
+            has_end_flag: false,
+        }
+    }
+}
+
+impl Default for LinkProfile {
+    fn default() -> Self {
+        Self::scpi()
+    }
+}
+
+/// What a link is opened with.
+#[derive(Debug, Clone)]
+pub struct LinkOptions {
+    /// The instrument's name on this bench, for messages and transcripts.
+    pub name: String,
+    /// Where it is.
+    pub address: Address,
+    /// How it wants to be talked to.
+    pub profile: LinkProfile,
+    /// Bench time.
+    pub clock: Clock,
+    /// Where memory addresses are looked up.
+    pub hub: MemoryHub,
+    /// Where the conversation is written.
+    pub tap: Tap,
+}
