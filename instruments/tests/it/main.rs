@@ -2,4 +2,7 @@
 
 mod device;
 mod link;
+mod mocks_devices;
+mod mocks_plant;
+mod mocks_scope;
 mod ports;

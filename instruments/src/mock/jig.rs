@@ -1,0 +1,77 @@
+//! The hands of a person, as an instrument: clamps another fixture into the simulated jig.
+//!
+//! `JIG:MOUNt CELL|SHUNT|FAKE`, `JIG:MOUNt?`, `*IDN?`, `SYSTem:ERRor?`. No such instrument exists; a real bench asks its operator instead.
+
+use scpi::{Branch, Leaf, Root, error::Error, tree::Node};
+
+use super::{
+    Device, MockOptions,
+    plant::{Fixture, SharedPlant},
+    tree::{Answer, Arguments, Fallible, HasStatus, Status, both, common, exchange, get, set, text},
+    world::World,
+};
+use crate::scpi::decode::Terminator;
+
+const QUEUE_DEPTH: usize = 10;
+
+/// The jig.
+pub(super) struct Jig {
+    world: World,
+    status: Status,
+    serial_number: String,
+}
+
+impl Jig {
+    pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
+        Self { world: World::new(plant), status: Status::new(QUEUE_DEPTH), serial_number: options.serial_number.clone() }
+    }
+
+    fn mount(&mut self, arguments: &mut Arguments) -> Fallible {
+        let fixture = match arguments.word(&["CELL", "SHUNT", "FAKE"])? {
+            "CELL" => Fixture::Cell,
+            "SHUNT" => Fixture::Shunt,
+            _ => Fixture::FakeCell,
+        };
+        self.world.plant().mount(self.world.now_s, fixture);
+        Ok(())
+    }
+
+    fn mounted(&mut self, _: &mut Arguments) -> Fallible<Answer> {
+        text(match self.world.plant().mounted() {
+            Fixture::Cell => "CELL",
+            Fixture::Shunt => "SHUNT",
+            Fixture::FakeCell => "FAKE",
+        })
+    }
+}
+
+const TREE: Node<'static, Jig> = Root! {
+    Leaf! {b"*IDN" => &get(|jig: &mut Jig, _| text(format!("eis-bench,mock-jig,{},{}", jig.serial_number, env!("CARGO_PKG_VERSION"))))},
+    Leaf! {b"*CLS" => &set(common::cls)},
+    Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
+    Branch! {b"JIG"; Leaf! {b"MOUNt" => &both(Jig::mount, Jig::mounted)}},
+    Branch! {b"SYSTem"; Branch! {b"ERRor" => &get(common::error_query); Leaf! {b"NEXT" => &get(common::error_query)}}}
+};
+
+impl HasStatus for Jig {
+    fn status(&mut self) -> &mut Status {
+        &mut self.status
+    }
+}
+
+impl scpi::Device for Jig {
+    fn handle_error(&mut self, error: Error) {
+        self.status.push(Error::custom(error.get_code(), error.get_message()));
+    }
+}
+
+impl Device for Jig {
+    fn terminator(&self) -> Terminator {
+        Terminator::Lf
+    }
+
+    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
+        self.world.now_s = now_s;
+        exchange(&TREE, self, message)
+    }
+}

@@ -1,0 +1,116 @@
+//! Puts a simulated instrument on a port: in process, TCP or a pseudo terminal.
+//!
+//! One client at a time, as the instruments have it: the next one waits until the first has gone. The instrument keeps its settings from one
+//! client to the next. Everything runs on the caller's runtime, without threads, so that in virtual time in-process streams stay exact.
+
+use std::{io, net::SocketAddr, path::PathBuf};
+
+use tokio::{
+    io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt},
+    net::{TcpListener, TcpStream, ToSocketAddrs},
+    task::JoinHandle,
+};
+
+use super::Device;
+use crate::{
+    clock::Clock,
+    scpi::decode::ProgramFramer,
+    transport::{MemoryHub, MemoryListener, Pty, TransportError},
+};
+
+/// Longest message that a mock reads, bytes; a longer one is dropped.
+const LONGEST_MESSAGE: usize = 1 << 20;
+const READ_BYTES: usize = 4096;
+
+/// Answers one client until it goes.
+///
+/// # Errors
+/// What the transport says when reading or writing fails.
+pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWrite + Unpin + Send, clock: &Clock) -> io::Result<()> {
+    let mut framer = ProgramFramer::new(device.terminator(), LONGEST_MESSAGE);
+    let mut buffer = [0_u8; READ_BYTES];
+    loop {
+        let count = stream.read(&mut buffer).await?;
+        let Some(bytes) = buffer.get(..count).filter(|bytes| !bytes.is_empty()) else { return Ok(()) };
+        framer.push(bytes);
+        while let Some(message) = framer.pull() {
+            let message = match message {
+                Ok(message) => message,
+                Err(error) => {
+                    tracing::warn!(%error, "message dropped");
+                    continue;
+                }
+            };
+            let reply = device.handle(clock.now_s(), &message);
+            stream.write_all(&reply).await?;
+            stream.flush().await?;
+        }
+    }
+}
+
+/// Serves under `name` inside this process until the task is aborted or the hub is gone. The name is taken when this returns.
+///
+/// # Errors
+/// [`TransportError`] when the name is taken already.
+pub fn serve_memory(device: Box<dyn Device>, hub: &MemoryHub, name: &str, clock: Clock) -> Result<JoinHandle<()>, TransportError> {
+    let listener = hub.listen(name)?;
+    Ok(tokio::spawn(accept_memory(device, listener, clock)))
+}
+
+async fn accept_memory(mut device: Box<dyn Device>, mut listener: MemoryListener, clock: Clock) {
+    while let Some(stream) = listener.accept().await {
+        finish(serve(device.as_mut(), stream, &clock).await);
+    }
+}
+
+/// Serves on a TCP port until the task is aborted; gives the address really bound, so that port 0 can be asked for.
+///
+/// # Errors
+/// What the operating system says when the address cannot be bound.
+pub async fn serve_tcp(device: Box<dyn Device>, address: impl ToSocketAddrs, clock: Clock) -> io::Result<(SocketAddr, JoinHandle<()>)> {
+    let listener = TcpListener::bind(address).await?;
+    let bound = listener.local_addr()?;
+    Ok((bound, tokio::spawn(accept_tcp(device, listener, clock))))
+}
+
+async fn accept_tcp(mut device: Box<dyn Device>, listener: TcpListener, clock: Clock) {
+    loop {
+        match listener.accept().await {
+            Ok((stream, peer)) => {
+                tracing::debug!(%peer, "client came");
+                finish(serve_socket(device.as_mut(), stream, &clock).await);
+            }
+            // Such as too many open files: the next attempt may succeed, and must not spin.
+            Err(error) => {
+                tracing::warn!(%error, "cannot accept a client");
+                clock.sleep_s(0.1).await;
+            }
+        }
+    }
+}
+
+async fn serve_socket(device: &mut dyn Device, stream: TcpStream, clock: &Clock) -> io::Result<()> {
+    // Every answer is one small packet that somebody waits for.
+    stream.set_nodelay(true)?;
+    serve(device, stream, clock).await
+}
+
+/// Serves on a new pseudo terminal until the task is aborted; gives the path that a client opens like a serial port.
+///
+/// # Errors
+/// What the operating system says when it has no pseudo terminal left.
+pub fn serve_pty(mut device: Box<dyn Device>, clock: Clock) -> io::Result<(PathBuf, JoinHandle<()>)> {
+    let pty = Pty::open()?;
+    let path = pty.path().to_owned();
+    // The terminal outlives its clients: a serial line does not tell the instrument that somebody has gone.
+    let task = tokio::spawn(async move { finish(serve(device.as_mut(), pty, &clock).await) });
+    Ok((path, task))
+}
+
+/// A client that breaks off is no fault of the instrument's.
+fn finish(outcome: io::Result<()>) {
+    match outcome {
+        Ok(()) => tracing::debug!("client gone"),
+        Err(error) => tracing::debug!(%error, "client lost"),
+    }
+}

@@ -1,0 +1,382 @@
+//! What the SCPI mocks share: handlers, arguments, the error queue and the common commands, on the device side of the `scpi` crate.
+//!
+//! The crate tokenises a message, walks the tree and hands over the parameters. Its rough edges are dealt with here: a leading blank is cut
+//! off, a reply that an error left half written is dropped, `*OPC` sets its event bit without an entry in the error queue, `*CLS` empties
+//! that queue. Numbers are formatted by the instruments themselves ([`super::number`]), for the crate prints the shortest form.
+
+use std::collections::VecDeque;
+
+use scpi::{
+    Context, Device as ScpiDevice,
+    error::{Error, ErrorCode},
+    parser::{
+        mnemonic_compare, parameters::Parameters, response::Formatter, response::ResponseData, response::ResponseUnit, tokenizer::Token,
+    },
+    tree::{Node, command::Command},
+};
+
+pub(super) type Fallible<T = ()> = Result<T, Error>;
+
+/// Bytes of one response unit, without the terminator.
+pub(super) type Answer = Vec<u8>;
+
+/// Runs one message on a device. An error anywhere in the message silences the whole reply.
+pub(super) fn exchange<D: ScpiDevice>(tree: &Node<'_, D>, device: &mut D, message: &[u8]) -> Vec<u8> {
+    let message = message.trim_ascii();
+    let mut reply = Vec::new();
+    match tree.run(message, device, &mut Context::new(), &mut reply) {
+        Ok(()) => reply,
+        Err(_) => Vec::new(),
+    }
+}
+
+/// What a header does and answers.
+pub(super) struct Verb<D> {
+    set: Option<fn(&mut D, &mut Arguments) -> Fallible>,
+    get: Option<fn(&mut D, &mut Arguments) -> Fallible<Answer>>,
+}
+
+/// A header that is only a command.
+pub(super) const fn set<D>(set: fn(&mut D, &mut Arguments) -> Fallible) -> Verb<D> {
+    Verb { set: Some(set), get: None }
+}
+
+/// A header that is only a query.
+pub(super) const fn get<D>(get: fn(&mut D, &mut Arguments) -> Fallible<Answer>) -> Verb<D> {
+    Verb { set: None, get: Some(get) }
+}
+
+/// A header that is both.
+pub(super) const fn both<D>(set: fn(&mut D, &mut Arguments) -> Fallible, get: fn(&mut D, &mut Arguments) -> Fallible<Answer>) -> Verb<D> {
+    Verb { set: Some(set), get: Some(get) }
+}
+
+/// A text answer.
+#[expect(clippy::unnecessary_wraps, reason = "the last expression of a query handler")]
+pub(super) fn text(answer: impl Into<String>) -> Fallible<Answer> {
+    Ok(answer.into().into_bytes())
+}
+
+/// The error number as an error.
+pub(super) fn fail<T>(code: ErrorCode) -> Fallible<T> {
+    Err(Error::new(code))
+}
+
+/// Marks the failure of a known header in the form that it does not have, which some firmware tells apart from an unknown header.
+pub(super) const WRONG_FORM: &[u8] = b"wrong form";
+
+impl<D: ScpiDevice> Command<D> for Verb<D> {
+    fn event(&self, device: &mut D, _context: &mut Context, params: Parameters) -> Fallible {
+        let Some(set) = self.set else { return Err(Error::new(ErrorCode::UndefinedHeader).extended(WRONG_FORM)) };
+        let mut arguments = Arguments::read(params)?;
+        set(device, &mut arguments)?;
+        arguments.end()
+    }
+
+    fn query(&self, device: &mut D, _context: &mut Context, params: Parameters, mut response: ResponseUnit) -> Fallible {
+        let Some(get) = self.get else { return Err(Error::new(ErrorCode::UndefinedHeader).extended(WRONG_FORM)) };
+        let mut arguments = Arguments::read(params)?;
+        let answer = get(device, &mut arguments)?;
+        arguments.end()?;
+        response.data(Raw(&answer)).finish()
+    }
+}
+
+/// Bytes that go out as they are.
+struct Raw<'a>(&'a [u8]);
+
+impl ResponseData for Raw<'_> {
+    fn format_response_data(&self, formatter: &mut dyn Formatter) -> Fallible {
+        formatter.push_str(self.0)
+    }
+}
+
+/// One parameter of a command, owned.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Argument {
+    /// A decimal number as written, and its suffix in upper case (empty without one).
+    Number { digits: String, suffix: String },
+    /// Character data as written.
+    Word(String),
+    /// What stands between the parentheses of an expression.
+    List(String),
+    /// A non-decimal number.
+    Bits(u64),
+    /// A string or a block, of no use to any of the mocks.
+    Other,
+}
+
+/// The least, the greatest and the default value of a setting.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Span {
+    pub(super) min: f64,
+    pub(super) max: f64,
+    pub(super) default: f64,
+}
+
+/// The parameters of a command, in order.
+#[derive(Debug)]
+pub(super) struct Arguments(VecDeque<Argument>);
+
+impl Arguments {
+    fn read(mut params: Parameters) -> Fallible<Self> {
+        let mut items = VecDeque::new();
+        while let Some(token) = params.next_optional_token()? {
+            items.push_back(match token {
+                Token::DecimalNumericProgramData(digits) => Argument::Number { digits: lossy(digits), suffix: String::new() },
+                Token::DecimalNumericSuffixProgramData(digits, suffix) => {
+                    Argument::Number { digits: lossy(digits), suffix: lossy(suffix).to_ascii_uppercase() }
+                }
+                Token::CharacterProgramData(word) => Argument::Word(lossy(word)),
+                Token::ExpressionProgramData(list) => Argument::List(lossy(list)),
+                Token::NonDecimalNumericProgramData(bits) => Argument::Bits(bits),
+                _ => Argument::Other,
+            });
+        }
+        Ok(Self(items))
+    }
+
+    /// The next parameter, if any.
+    pub(super) fn next(&mut self) -> Option<Argument> {
+        self.0.pop_front()
+    }
+
+    /// Refuses parameters that are left over (−108).
+    pub(super) fn end(&self) -> Fallible {
+        if self.0.is_empty() { Ok(()) } else { fail(ErrorCode::ParameterNotAllowed) }
+    }
+
+    /// Whether anything is left.
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    fn required(&mut self) -> Fallible<Argument> {
+        self.next().ok_or_else(|| Error::new(ErrorCode::MissingParameter))
+    }
+
+    /// A number in `unit` (upper case; empty: no suffix allowed), with the SCPI multipliers.
+    pub(super) fn number(&mut self, unit: &str) -> Fallible<f64> {
+        to_number(&self.required()?, unit)
+    }
+
+    /// A number, or `MIN`, `MAX`, `DEF` of its span. Not checked against the span.
+    pub(super) fn number_in(&mut self, unit: &str, span: Span) -> Fallible<f64> {
+        match self.required()? {
+            Argument::Word(word) => named_value(&word, span).ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue)),
+            other => to_number(&other, unit),
+        }
+    }
+
+    /// The argument of a query: `MIN`, `MAX` or `DEF` of the span, the value itself without one.
+    pub(super) fn value_or_named(&mut self, value: f64, span: Span) -> Fallible<f64> {
+        match self.next() {
+            None => Ok(value),
+            Some(Argument::Word(word)) => named_value(&word, span).ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue)),
+            Some(_) => fail(ErrorCode::ParameterNotAllowed),
+        }
+    }
+
+    /// `ON`, `OFF` or a number, which means on unless it rounds to zero.
+    pub(super) fn switch(&mut self) -> Fallible<bool> {
+        match self.required()? {
+            Argument::Word(word) if word.eq_ignore_ascii_case("ON") => Ok(true),
+            Argument::Word(word) if word.eq_ignore_ascii_case("OFF") => Ok(false),
+            Argument::Word(_) => fail(ErrorCode::IllegalParameterValue),
+            other => Ok(to_number(&other, "")?.round() != 0.0),
+        }
+    }
+
+    /// One word of a table written as `LONGform`; a number with a suffix (`20M`) counts as a word.
+    pub(super) fn word(&mut self, table: &[&'static str]) -> Fallible<&'static str> {
+        let written = match self.required()? {
+            Argument::Word(word) => word,
+            Argument::Number { digits, suffix } => digits + &suffix,
+            _ => return fail(ErrorCode::DataTypeError),
+        };
+        let found = table.iter().copied().find(|entry| mnemonic_compare(entry.as_bytes(), written.as_bytes()));
+        found.ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue))
+    }
+
+    /// A channel list such as `(@101,103:105)`, in the order written.
+    pub(super) fn channels(&mut self) -> Fallible<Vec<u16>> {
+        match self.required()? {
+            Argument::List(list) => channel_list(&list).ok_or_else(|| Error::new(ErrorCode::InvalidExpression)),
+            _ => fail(ErrorCode::DataTypeError),
+        }
+    }
+}
+
+fn lossy(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn named_value(word: &str, span: Span) -> Option<f64> {
+    let table: [(&[u8], f64); 3] = [(b"MINimum", span.min), (b"MAXimum", span.max), (b"DEFault", span.default)];
+    table.iter().find(|(name, _)| mnemonic_compare(name, word.as_bytes())).map(|(_, value)| *value)
+}
+
+/// A numeric argument in `unit`.
+pub(super) fn to_number(argument: &Argument, unit: &str) -> Fallible<f64> {
+    match argument {
+        Argument::Number { digits, suffix } => {
+            let value: f64 = digits.parse().map_err(|_| Error::new(ErrorCode::NumericDataError))?;
+            let scale = if suffix.is_empty() { Some(1.0) } else { multiplier(suffix, unit) };
+            let scale =
+                scale.ok_or_else(|| Error::new(if unit.is_empty() { ErrorCode::SuffixNotAllowed } else { ErrorCode::InvalidSuffix }))?;
+            Ok(value * scale)
+        }
+        #[expect(clippy::cast_precision_loss, reason = "registers and counts, far below 2^53")]
+        Argument::Bits(bits) => Ok(*bits as f64),
+        _ => fail(ErrorCode::DataTypeError),
+    }
+}
+
+/// The factor of a suffix (IEEE 488.2 table 7-2): `M` is milli but for hertz and ohms.
+fn multiplier(suffix: &str, unit: &str) -> Option<f64> {
+    if unit.is_empty() {
+        return None;
+    }
+    match suffix.strip_suffix(unit)? {
+        "" => Some(1.0),
+        "G" => Some(1e9),
+        "MA" => Some(1e6),
+        "M" if matches!(unit, "HZ" | "OHM") => Some(1e6),
+        "K" => Some(1e3),
+        "M" => Some(1e-3),
+        "U" => Some(1e-6),
+        "N" => Some(1e-9),
+        "P" => Some(1e-12),
+        _ => None,
+    }
+}
+
+/// The most channels that one list may name: more than any scanner has.
+const MAX_CHANNELS: usize = 120;
+
+fn channel_list(list: &str) -> Option<Vec<u16>> {
+    let mut channels = Vec::new();
+    for item in list.strip_prefix('@')?.split(',') {
+        let (first, last) = item.split_once(':').unwrap_or((item, item));
+        let (first, last): (u16, u16) = (first.trim().parse().ok()?, last.trim().parse().ok()?);
+        if first > last || usize::from(last - first) + channels.len() >= MAX_CHANNELS {
+            return None;
+        }
+        channels.extend(first..=last);
+    }
+    Some(channels)
+}
+
+/// The status byte's sources: the error queue and the standard event register.
+#[derive(Debug)]
+pub(super) struct Status {
+    depth: usize,
+    errors: VecDeque<Error>,
+    esr: u8,
+    ese: u8,
+    sre: u8,
+}
+
+/// A device with a [`Status`].
+pub(super) trait HasStatus: ScpiDevice {
+    fn status(&mut self) -> &mut Status;
+}
+
+impl Status {
+    /// An empty queue for `depth` errors, as after power-on.
+    pub(super) fn new(depth: usize) -> Self {
+        Self { depth, errors: VecDeque::new(), esr: 0x80, ese: 0, sre: 0 }
+    }
+
+    /// Queues an error; a full queue turns its newest entry into −350.
+    pub(super) fn push(&mut self, error: Error) {
+        let class = error.get_code();
+        self.esr |= match class {
+            -199..=-100 => 0x20,
+            -299..=-200 => 0x10,
+            -499..=-400 => 0x04,
+            _ => 0x08,
+        };
+        if self.errors.len() < self.depth {
+            self.errors.push_back(error);
+        } else if let Some(newest) = self.errors.back_mut() {
+            *newest = Error::new(ErrorCode::QueueOverflow);
+        }
+    }
+
+    /// Takes the oldest error.
+    pub(super) fn pop(&mut self) -> Option<Error> {
+        self.errors.pop_front()
+    }
+}
+
+/// The commands of IEEE 488.2 that hang on [`Status`].
+pub(super) mod common {
+    use super::{Answer, Arguments, ErrorCode, Fallible, HasStatus, fail, text};
+
+    pub(crate) fn cls<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible {
+        let status = device.status();
+        status.errors.clear();
+        status.esr = 0;
+        Ok(())
+    }
+
+    pub(crate) fn opc<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible {
+        device.status().esr |= 0x01;
+        Ok(())
+    }
+
+    pub(crate) fn opc_query<D>(_: &mut D, _: &mut Arguments) -> Fallible<Answer> {
+        text("1")
+    }
+
+    #[expect(clippy::unnecessary_wraps, reason = "a command handler")]
+    pub(crate) fn ignore<D>(_: &mut D, arguments: &mut Arguments) -> Fallible {
+        while arguments.next().is_some() {}
+        Ok(())
+    }
+
+    pub(crate) fn esr_query<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible<Answer> {
+        text(std::mem::take(&mut device.status().esr).to_string())
+    }
+
+    pub(crate) fn ese<D: HasStatus>(device: &mut D, arguments: &mut Arguments) -> Fallible {
+        device.status().ese = byte(arguments)?;
+        Ok(())
+    }
+
+    pub(crate) fn ese_query<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible<Answer> {
+        text(device.status().ese.to_string())
+    }
+
+    pub(crate) fn sre<D: HasStatus>(device: &mut D, arguments: &mut Arguments) -> Fallible {
+        device.status().sre = byte(arguments)? & !0x40;
+        Ok(())
+    }
+
+    pub(crate) fn sre_query<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible<Answer> {
+        text(device.status().sre.to_string())
+    }
+
+    pub(crate) fn stb_query<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible<Answer> {
+        let status = device.status();
+        let queue = if status.errors.is_empty() { 0 } else { 0x04 };
+        let events = if status.esr & status.ese == 0 { 0 } else { 0x20 };
+        let summary = if (queue | events) & status.sre == 0 { 0 } else { 0x40 };
+        text((queue | events | summary).to_string())
+    }
+
+    /// `SYSTem:ERRor[:NEXT]?` in the standard form.
+    pub(crate) fn error_query<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible<Answer> {
+        text(device.status().pop().map_or_else(|| "0,\"No error\"".to_owned(), |error| error.to_string()))
+    }
+
+    fn byte(arguments: &mut Arguments) -> Fallible<u8> {
+        let value = arguments.number("")?.round();
+        if !(0.0..=255.0).contains(&value) {
+            return fail(ErrorCode::DataOutOfRange);
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked above")]
+        Ok(value as u8)
+    }
+}
