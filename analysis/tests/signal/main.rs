@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail the test that calls them")]
 
+mod bench;
+mod calibration;
 mod dataset;
 mod noise;
 mod sine;
