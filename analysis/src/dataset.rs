@@ -1,1 +1,248 @@
-//! Placeholder.
+//! The files of a run: their columns with unit and meaning, in one place, and how they are written and read.
+//!
+//! Captures are Parquet: the ADC codes as they came, and the scaling as metadata of the file, so that nothing is lost. Spectra and time series are
+//! CSV, which grows by a row as the run goes, and Parquet. Whole files appear atomically (written beside, synced, renamed), equal input gives equal
+//! bytes, and numbers come back to the last bit. A row torn off by a crash is not there: readers leave it out and the next append removes it.
+//!
+//! Knows no run folder and no file name; foreign formats are in [`crate::formats`].
+
+mod capture;
+mod disk;
+mod rows;
+
+use std::path::{Path, PathBuf};
+
+pub use capture::{CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, read_capture, write_capture};
+pub use disk::write_atomically;
+
+use crate::spectrum::{Covariance2, ImpedancePoint};
+use num_complex::Complex64;
+
+/// One column of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ColumnSpec {
+    /// Name, with the unit in it.
+    pub name: &'static str,
+    /// Unit; `1` for a pure number.
+    pub unit: &'static str,
+    /// What it holds.
+    pub doc: &'static str,
+}
+
+/// Columns of a spectrum.
+pub const SPECTRUM_COLUMNS: &[ColumnSpec] = &[
+    ColumnSpec { name: "freq_hz", unit: "Hz", doc: "frequency" },
+    ColumnSpec { name: "z_re_ohm", unit: "Ω", doc: "real part of the impedance" },
+    ColumnSpec { name: "z_im_ohm", unit: "Ω", doc: "imaginary part of the impedance" },
+    ColumnSpec { name: "sigma_re_ohm", unit: "Ω", doc: "standard deviation of the real part; NaN if unknown" },
+    ColumnSpec { name: "sigma_im_ohm", unit: "Ω", doc: "standard deviation of the imaginary part; NaN if unknown" },
+    ColumnSpec { name: "cov_re_im_ohm2", unit: "Ω²", doc: "covariance of real and imaginary part; NaN if unknown" },
+    ColumnSpec { name: "amplitude_a", unit: "A", doc: "amplitude of the current, zero to peak; NaN if unknown" },
+];
+
+/// Columns of a time series.
+pub const SERIES_COLUMNS: &[ColumnSpec] = &[
+    ColumnSpec { name: "time_s", unit: "s", doc: "bench time" },
+    ColumnSpec { name: "voltage_v", unit: "V", doc: "voltage of the cell; NaN if not measured" },
+    ColumnSpec { name: "current_a", unit: "A", doc: "current into the cell, charge positive; NaN if not measured" },
+    ColumnSpec { name: "temperature_c", unit: "°C", doc: "temperature of the cell's surface; NaN if not measured" },
+];
+
+/// One row of a time series.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct SeriesRow {
+    /// Bench time, s.
+    pub time_s: f64,
+    /// Voltage of the cell, V; not a number if not measured.
+    pub voltage_v: f64,
+    /// Current into the cell, charge positive, A; not a number if not measured.
+    pub current_a: f64,
+    /// Temperature of the cell's surface, °C; not a number if not measured.
+    pub temperature_c: f64,
+}
+
+/// Why a file of a run could not be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// The file system refused.
+    #[error("{}: could not {action}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was tried.
+        action: &'static str,
+        /// The file system's answer.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The file is no Parquet, or the table cannot become one.
+    #[error("{}: could not {action}", path.display())]
+    Parquet {
+        /// The file.
+        path: PathBuf,
+        /// What was tried.
+        action: &'static str,
+        /// What the library says.
+        #[source]
+        source: polars::prelude::PolarsError,
+    },
+    /// A column is missing or not what it should be.
+    #[error("{}, column {column}: expected {expected}, met {found}", path.display())]
+    Column {
+        /// The file.
+        path: PathBuf,
+        /// The column.
+        column: String,
+        /// What it should be.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
+    /// The metadata of a file lacks something or does not parse.
+    #[error("{}, metadata {key}: expected {expected}, met {found}", path.display())]
+    Metadata {
+        /// The file.
+        path: PathBuf,
+        /// The key.
+        key: String,
+        /// What it should be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+    /// The first line of a CSV file is not the header of its kind.
+    #[error("{}, line 1: expected the header {expected:?}, met {found:?}", path.display())]
+    Header {
+        /// The file.
+        path: PathBuf,
+        /// The header of this kind of file.
+        expected: String,
+        /// The first line.
+        found: String,
+    },
+    /// A field of a CSV file is wrong.
+    #[error("{}, line {line}, column {column}: expected {expected}, met {found:?}", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The column.
+        column: String,
+        /// What it should be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+}
+
+impl rows::Row for ImpedancePoint {
+    const COLUMNS: &'static [ColumnSpec] = SPECTRUM_COLUMNS;
+
+    fn values(&self) -> Vec<f64> {
+        let Covariance2 { re_re, re_im, im_im } = self.covariance;
+        vec![self.freq_hz, self.z_ohm.re, self.z_ohm.im, re_re.sqrt(), im_im.sqrt(), re_im, self.amplitude_a]
+    }
+
+    fn from_values(values: &[f64]) -> Option<Self> {
+        let [freq_hz, re, im, sigma_re, sigma_im, re_im, amplitude_a] = *values else { return None };
+        let covariance = Covariance2 { re_re: sigma_re * sigma_re, re_im, im_im: sigma_im * sigma_im };
+        Some(Self { freq_hz, z_ohm: Complex64::new(re, im), covariance, amplitude_a })
+    }
+}
+
+impl rows::Row for SeriesRow {
+    const COLUMNS: &'static [ColumnSpec] = SERIES_COLUMNS;
+
+    fn values(&self) -> Vec<f64> {
+        vec![self.time_s, self.voltage_v, self.current_a, self.temperature_c]
+    }
+
+    fn from_values(values: &[f64]) -> Option<Self> {
+        let [time_s, voltage_v, current_a, temperature_c] = *values else { return None };
+        Some(Self { time_s, voltage_v, current_a, temperature_c })
+    }
+}
+
+/// Writes a spectrum as CSV, [`SPECTRUM_COLUMNS`].
+///
+/// The variances are stored as standard deviations and come back to within their rounding; all else comes back to the last bit, and a file read
+/// and written again is the same.
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_spectrum_csv(path: &Path, points: &[ImpedancePoint]) -> Result<(), DatasetError> {
+    rows::write_csv(path, points)
+}
+
+/// Appends one point to a spectrum in CSV, or starts the file; it is on disk when this returns. A torn last line is removed first.
+///
+/// # Errors
+/// [`DatasetError::Io`]; [`DatasetError::Header`] if the file is something else.
+pub fn append_spectrum_csv(path: &Path, point: &ImpedancePoint) -> Result<(), DatasetError> {
+    rows::append_csv(path, point)
+}
+
+/// Reads a spectrum from CSV. A last line without its end is a torn one and left out.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Header`], [`DatasetError::Field`].
+pub fn read_spectrum_csv(path: &Path) -> Result<Vec<ImpedancePoint>, DatasetError> {
+    rows::read_csv(path)
+}
+
+/// Writes a spectrum as Parquet, [`SPECTRUM_COLUMNS`].
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Parquet`].
+pub fn write_spectrum_parquet(path: &Path, points: &[ImpedancePoint]) -> Result<(), DatasetError> {
+    rows::write_parquet(path, points)
+}
+
+/// Reads a spectrum from Parquet.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Parquet`], [`DatasetError::Column`].
+pub fn read_spectrum_parquet(path: &Path) -> Result<Vec<ImpedancePoint>, DatasetError> {
+    rows::read_parquet(path)
+}
+
+/// Writes a time series as CSV, [`SERIES_COLUMNS`].
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_series_csv(path: &Path, series: &[SeriesRow]) -> Result<(), DatasetError> {
+    rows::write_csv(path, series)
+}
+
+/// Appends one row to a time series in CSV, or starts the file; it is on disk when this returns. A torn last line is removed first.
+///
+/// # Errors
+/// [`DatasetError::Io`]; [`DatasetError::Header`] if the file is something else.
+pub fn append_series_csv(path: &Path, row: &SeriesRow) -> Result<(), DatasetError> {
+    rows::append_csv(path, row)
+}
+
+/// Reads a time series from CSV. A last line without its end is a torn one and left out.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Header`], [`DatasetError::Field`].
+pub fn read_series_csv(path: &Path) -> Result<Vec<SeriesRow>, DatasetError> {
+    rows::read_csv(path)
+}
+
+/// Writes a time series as Parquet, [`SERIES_COLUMNS`].
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Parquet`].
+pub fn write_series_parquet(path: &Path, series: &[SeriesRow]) -> Result<(), DatasetError> {
+    rows::write_parquet(path, series)
+}
+
+/// Reads a time series from Parquet.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Parquet`], [`DatasetError::Column`].
+pub fn read_series_parquet(path: &Path) -> Result<Vec<SeriesRow>, DatasetError> {
+    rows::read_parquet(path)
+}

@@ -5,6 +5,8 @@
 
 use num_complex::Complex64;
 
+use crate::sine::{ChannelFit, SineFit};
+
 /// Phasors of the four single-ended probe channels at one frequency, before any correction.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ChannelPhasors {
@@ -52,4 +54,188 @@ pub struct Spectrum {
     pub name: String,
     /// The points, by rising frequency.
     pub points: Vec<ImpedancePoint>,
+}
+
+impl Covariance2 {
+    /// No uncertainty.
+    pub const ZERO: Self = Self { re_re: 0.0, re_im: 0.0, im_im: 0.0 };
+
+    /// Equal and independent parts, each of the given variance.
+    pub const fn circular(variance: f64) -> Self {
+        Self { re_re: variance, re_im: 0.0, im_im: variance }
+    }
+
+    /// Covariance of `direction` times a real number of variance 1.
+    pub fn along(direction: Complex64) -> Self {
+        Self { re_re: direction.re * direction.re, re_im: direction.re * direction.im, im_im: direction.im * direction.im }
+    }
+
+    /// Covariance of `factor` times the number: the parts are turned and stretched.
+    pub fn scaled(self, factor: Complex64) -> Self {
+        let Complex64 { re: a, im: b } = factor;
+        let Self { re_re, re_im, im_im } = self;
+        Self {
+            re_re: a * a * re_re - 2.0 * a * b * re_im + b * b * im_im,
+            re_im: a * b * (re_re - im_im) + (a * a - b * b) * re_im,
+            im_im: b * b * re_re + 2.0 * a * b * re_im + a * a * im_im,
+        }
+    }
+
+    /// Variance of the part along the direction of angle `angle_rad`.
+    pub fn variance_along(&self, angle_rad: f64) -> f64 {
+        let (sin, cos) = angle_rad.sin_cos();
+        // Rounding must not turn a vanishing variance negative; not-a-number passes.
+        let variance = cos * cos * self.re_re + 2.0 * sin * cos * self.re_im + sin * sin * self.im_im;
+        if variance < 0.0 { 0.0 } else { variance }
+    }
+
+    /// True for a covariance: finite, no negative variance, correlation within −1…1 but for rounding.
+    pub fn is_valid(&self) -> bool {
+        let product = self.re_re * self.im_im;
+        let finite = self.re_re.is_finite() && self.re_im.is_finite() && self.im_im.is_finite();
+        finite && self.re_re >= 0.0 && self.im_im >= 0.0 && self.re_im * self.re_im <= product * (1.0 + 1e-9) + f64::MIN_POSITIVE
+    }
+}
+
+impl std::ops::Add for Covariance2 {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { re_re: self.re_re + other.re_re, re_im: self.re_im + other.re_im, im_im: self.im_im + other.im_im }
+    }
+}
+
+/// Why fits or points are no spectrum.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SpectrumError {
+    /// The record does not have the four probe channels.
+    #[error("expected fits of 4 channels, met {found}")]
+    Channels {
+        /// Channels met.
+        found: usize,
+    },
+    /// There is no point.
+    #[error("spectrum {name:?}: expected at least one point, met none")]
+    Empty {
+        /// Name of the spectrum.
+        name: String,
+    },
+    /// A number of a point is unusable.
+    #[error("spectrum {name:?}, point {number} ({freq_hz} Hz): expected {expected}, met {found}")]
+    Point {
+        /// Name of the spectrum.
+        name: String,
+        /// Number of the point, from 1.
+        number: usize,
+        /// Its frequency, Hz.
+        freq_hz: f64,
+        /// What it should be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+}
+
+impl ChannelPhasors {
+    /// Phasors of a fit of the four probe channels. The variance of a part is half of that of both.
+    ///
+    /// # Errors
+    /// [`SpectrumError::Channels`] unless the fit has four channels.
+    pub fn from_fit(fit: &SineFit) -> Result<Self, SpectrumError> {
+        let channels =
+            <&[ChannelFit; 4]>::try_from(fit.channels.as_slice()).map_err(|_| SpectrumError::Channels { found: fit.channels.len() })?;
+        Ok(Self {
+            freq_hz: fit.freq_hz,
+            volts: channels.map(|channel| channel.phasor),
+            variance: channels.map(|channel| 0.5 * (channel.variance.re_re + channel.variance.im_im)),
+        })
+    }
+}
+
+/// Impedance by the voltage pair over the current pair, (V₄ − V₃)/(V₂ − V₁) · R_shunt, without any correction, with the covariance that the noise of
+/// the four channels gives it. Not finite where there is no current.
+///
+/// The quotient is analytic in every channel, so the noise, circular in each channel, stays circular: its derivatives are R/(V₂ − V₁) towards V₄
+/// and −V₃, and Z/(V₂ − V₁) towards V₁ and −V₂.
+pub fn raw_impedance(phasors: &ChannelPhasors, shunt_ohm: f64) -> ImpedancePoint {
+    let [v1, v2, v3, v4] = phasors.volts;
+    let across_shunt = v2 - v1;
+    let z_ohm = (v4 - v3) / across_shunt * shunt_ohm;
+    let by_voltage = Complex64::from(shunt_ohm) / across_shunt;
+    let by_current = z_ohm / across_shunt;
+    let [n1, n2, n3, n4] = phasors.variance;
+    let noise = Covariance2::circular(n3 + n4).scaled(by_voltage) + Covariance2::circular(n1 + n2).scaled(by_current);
+    ImpedancePoint { freq_hz: phasors.freq_hz, z_ohm, covariance: noise, amplitude_a: across_shunt.norm() / shunt_ohm.abs() }
+}
+
+impl ImpedancePoint {
+    /// Magnitude |Z|, Ω.
+    pub fn magnitude_ohm(&self) -> f64 {
+        self.z_ohm.norm()
+    }
+
+    /// Standard deviation of the magnitude, Ω, to first order.
+    pub fn magnitude_sigma_ohm(&self) -> f64 {
+        self.covariance.variance_along(self.z_ohm.arg()).sqrt()
+    }
+
+    /// Phase arg Z, rad, −π…π.
+    pub fn phase_rad(&self) -> f64 {
+        self.z_ohm.arg()
+    }
+
+    /// Standard deviation of the phase, rad, to first order; no more than π/√3, that of a phase of which nothing is known.
+    pub fn phase_sigma_rad(&self) -> f64 {
+        let across = self.covariance.variance_along(self.z_ohm.arg() + std::f64::consts::FRAC_PI_2).sqrt();
+        let sigma = across / self.z_ohm.norm();
+        if sigma.is_nan() { sigma } else { sigma.min(std::f64::consts::PI / 3f64.sqrt()) }
+    }
+
+    /// What is wrong with the numbers of this point: what was expected and what was met.
+    fn fault(&self) -> Option<(&'static str, String)> {
+        if !(self.freq_hz > 0.0 && self.freq_hz.is_finite()) {
+            return Some(("a frequency above 0 Hz", format!("{} Hz", self.freq_hz)));
+        }
+        if !(self.z_ohm.re.is_finite() && self.z_ohm.im.is_finite()) {
+            return Some(("a finite impedance", format!("{} Ω", self.z_ohm)));
+        }
+        let Covariance2 { re_re, re_im, im_im } = self.covariance;
+        let unknown = re_re.is_nan() && re_im.is_nan() && im_im.is_nan();
+        if !unknown && !self.covariance.is_valid() {
+            return Some(("a covariance of positive variances, or none", format!("{re_re}, {re_im}, {im_im} Ω²")));
+        }
+        if self.amplitude_a < 0.0 || self.amplitude_a.is_infinite() {
+            return Some(("an amplitude of 0 A or more, or none", format!("{} A", self.amplitude_a)));
+        }
+        None
+    }
+}
+
+impl Spectrum {
+    /// Checks that there are points, that their frequencies rise, and that their numbers are usable. An unknown covariance or amplitude (not a
+    /// number) is allowed.
+    ///
+    /// # Errors
+    /// [`SpectrumError::Empty`] or [`SpectrumError::Point`] with the first point that is wrong.
+    pub fn validate(&self) -> Result<(), SpectrumError> {
+        if self.points.is_empty() {
+            return Err(SpectrumError::Empty { name: self.name.clone() });
+        }
+        let mut last_hz = 0.0;
+        for (index, point) in self.points.iter().enumerate() {
+            let falling = point.freq_hz <= last_hz && point.freq_hz > 0.0;
+            let fault =
+                point.fault().or_else(|| falling.then(|| ("rising frequencies", format!("{} Hz after {last_hz} Hz", point.freq_hz))));
+            if let Some((expected, found)) = fault {
+                return Err(SpectrumError::Point { name: self.name.clone(), number: index + 1, freq_hz: point.freq_hz, expected, found });
+            }
+            last_hz = point.freq_hz;
+        }
+        Ok(())
+    }
+
+    /// Sorts the points by rising frequency.
+    pub fn sort(&mut self) {
+        self.points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
+    }
 }

@@ -1,0 +1,102 @@
+//! Bytes onto the disk such that a crash at any instant leaves either the old state or the new one.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use super::DatasetError;
+
+/// Writes a whole file: into a hidden file beside it, synced, then renamed over it. Whoever reads sees the old file or the new one.
+///
+/// # Errors
+/// [`DatasetError::Io`]; the hidden file is then removed.
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
+    let beside = beside(path)?;
+    let written = File::create(&beside).and_then(|mut file| {
+        file.write_all(bytes)?;
+        file.sync_all()
+    });
+    let result = match written {
+        Ok(()) => fs::rename(&beside, path).map_err(|source| io_error(path, "put the new file in place", source)),
+        Err(source) => Err(io_error(&beside, "write the file", source)),
+    };
+    if result.is_err() {
+        // What matters is the first failure; that the left-over cannot be removed either adds nothing.
+        let _ = fs::remove_file(&beside);
+    }
+    result?;
+    sync_folder(path)
+}
+
+/// Appends lines to a text file that begins with `header`, starting it if need be, and syncs it. What follows the last line end is taken off first.
+pub(super) fn append_line(path: &Path, header: &str, line: &str) -> Result<(), DatasetError> {
+    let failed = |action| move |source| io_error(path, action, source);
+    let mut options = OpenOptions::new();
+    let mut file = options.read(true).write(true).create(true).truncate(false).open(path).map_err(failed("open the file"))?;
+    let whole = whole_lines_end(&mut file).map_err(failed("read the file"))?;
+    let fresh = whole == 0;
+    if !fresh {
+        check_header(path, &mut file, header)?;
+    }
+    file.set_len(whole).map_err(failed("take off a torn line"))?;
+    file.seek(SeekFrom::Start(whole)).map_err(failed("seek the end"))?;
+    let text = if fresh { format!("{header}\n{line}\n") } else { format!("{line}\n") };
+    file.write_all(text.as_bytes()).map_err(failed("append to the file"))?;
+    file.sync_data().map_err(failed("sync the file"))?;
+    if fresh { sync_folder(path) } else { Ok(()) }
+}
+
+pub(super) fn io_error(path: &Path, action: &'static str, source: io::Error) -> DatasetError {
+    DatasetError::Io { path: path.to_path_buf(), action, source }
+}
+
+/// Length of the file up to and with its last line end.
+fn whole_lines_end(file: &mut File) -> io::Result<u64> {
+    const STEP: u64 = 4096;
+    let mut end = file.seek(SeekFrom::End(0))?;
+    while end > 0 {
+        let start = end.saturating_sub(STEP);
+        file.seek(SeekFrom::Start(start))?;
+        let mut bytes = Vec::new();
+        (&*file).take(end - start).read_to_end(&mut bytes)?;
+        if let Some(at) = bytes.iter().rposition(|byte| *byte == b'\n') {
+            return Ok(start + at as u64 + 1);
+        }
+        end = start;
+    }
+    Ok(0)
+}
+
+fn check_header(path: &Path, file: &mut File, header: &str) -> Result<(), DatasetError> {
+    let mut bytes = Vec::new();
+    let length = header.len() as u64 + 1;
+    file.seek(SeekFrom::Start(0))
+        .and_then(|_| (&*file).take(length).read_to_end(&mut bytes))
+        .map_err(|source| io_error(path, "read the header", source))?;
+    let text = String::from_utf8_lossy(&bytes);
+    if text.strip_suffix('\n') == Some(header) {
+        return Ok(());
+    }
+    let found = text.lines().next().unwrap_or("").to_owned();
+    Err(DatasetError::Header { path: path.to_path_buf(), expected: header.to_owned(), found })
+}
+
+fn beside(path: &Path) -> Result<PathBuf, DatasetError> {
+    let name = path.file_name().ok_or_else(|| {
+        let source = io::Error::new(io::ErrorKind::InvalidInput, "the path ends in no file name");
+        io_error(path, "write the file", source)
+    })?;
+    let mut hidden = std::ffi::OsString::from(".");
+    hidden.push(name);
+    hidden.push(".partial");
+    Ok(path.with_file_name(hidden))
+}
+
+/// Makes the name of a file as durable as its bytes.
+fn sync_folder(path: &Path) -> Result<(), DatasetError> {
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    File::open(folder).and_then(|file| file.sync_all()).map_err(|source| io_error(folder, "sync the folder", source))
+}

@@ -1,0 +1,128 @@
+//! Tables of plain numbers, row by row: CSV and Parquet for every kind of row.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use polars::prelude::{Column, DataFrame, DataType};
+
+use super::capture::{read_frame, write_frame};
+use super::disk::{append_line, io_error, write_atomically};
+use super::{ColumnSpec, DatasetError};
+
+/// A row of numbers.
+pub(super) trait Row: Sized {
+    /// Its columns, in order.
+    const COLUMNS: &'static [ColumnSpec];
+
+    /// One number per column.
+    fn values(&self) -> Vec<f64>;
+
+    /// The row, if there is one number per column.
+    fn from_values(values: &[f64]) -> Option<Self>;
+}
+
+pub(super) fn write_csv<R: Row>(path: &Path, rows: &[R]) -> Result<(), DatasetError> {
+    let mut text = header::<R>();
+    text.push('\n');
+    for row in rows {
+        text.push_str(&line(row));
+        text.push('\n');
+    }
+    write_atomically(path, text.as_bytes())
+}
+
+pub(super) fn append_csv<R: Row>(path: &Path, row: &R) -> Result<(), DatasetError> {
+    append_line(path, &header::<R>(), &line(row))
+}
+
+pub(super) fn read_csv<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
+    let bytes = fs::read(path).map_err(|source| io_error(path, "read the file", source))?;
+    let whole = bytes.iter().rposition(|byte| *byte == b'\n').unwrap_or(0);
+    let text = String::from_utf8_lossy(&bytes[..whole]);
+    let mut lines = text.split('\n').map(|line| line.trim_end_matches('\r'));
+    let (expected, found) = (header::<R>(), lines.next().unwrap_or(""));
+    if found != expected {
+        return Err(DatasetError::Header { path: path.to_path_buf(), expected, found: found.to_owned() });
+    }
+    lines.enumerate().filter(|(_, line)| !line.is_empty()).map(|(index, line)| parse_line(path, index + 2, line)).collect()
+}
+
+pub(super) fn write_parquet<R: Row>(path: &Path, rows: &[R]) -> Result<(), DatasetError> {
+    let values: Vec<Vec<f64>> = rows.iter().map(Row::values).collect();
+    let column = |(index, spec): (usize, &ColumnSpec)| {
+        let cells: Vec<f64> = values.iter().filter_map(|row| row.get(index).copied()).collect();
+        Column::new(spec.name.into(), cells)
+    };
+    let columns = R::COLUMNS.iter().enumerate().map(column).collect();
+    let mut frame = DataFrame::new(rows.len(), columns).map_err(|source| DatasetError::Parquet {
+        path: path.to_path_buf(),
+        action: "arrange the columns",
+        source,
+    })?;
+    write_frame(path, &mut frame, R::COLUMNS, Vec::new())
+}
+
+pub(super) fn read_parquet<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
+    let (frame, _) = read_frame(path)?;
+    let columns: Vec<Vec<f64>> = R::COLUMNS.iter().map(|spec| numbers(path, &frame, spec)).collect::<Result<_, _>>()?;
+    let row = |index: usize| {
+        let values: Vec<f64> = columns.iter().filter_map(|column| column.get(index).copied()).collect();
+        R::from_values(&values)
+    };
+    Ok((0..frame.height()).filter_map(row).collect())
+}
+
+fn numbers(path: &Path, frame: &DataFrame, spec: &ColumnSpec) -> Result<Vec<f64>, DatasetError> {
+    let wrong = |expected: &str, found: String| DatasetError::Column {
+        path: path.to_path_buf(),
+        column: spec.name.to_owned(),
+        expected: expected.to_owned(),
+        found,
+    };
+    let column = frame.column(spec.name).map_err(|_| wrong("a column of 64-bit floats", "no such column".into()))?;
+    if column.dtype() != &DataType::Float64 {
+        return Err(wrong("64-bit floats", column.dtype().to_string()));
+    }
+    let cells = column.f64().map_err(|error| wrong("64-bit floats", error.to_string()))?;
+    // An empty cell says what NaN says: not known.
+    Ok(cells.iter().map(|cell| cell.unwrap_or(f64::NAN)).collect())
+}
+
+fn header<R: Row>() -> String {
+    let names: Vec<&str> = R::COLUMNS.iter().map(|spec| spec.name).collect();
+    names.join(",")
+}
+
+fn line<R: Row>(row: &R) -> String {
+    let mut text = String::new();
+    for (index, value) in row.values().iter().enumerate() {
+        let comma = if index > 0 { "," } else { "" };
+        // Debug is the shortest text that reads back to the same bits, with an exponent where digits would run long. Writing to a string cannot
+        // fail.
+        let _ = write!(text, "{comma}{value:?}");
+    }
+    text
+}
+
+fn parse_line<R: Row>(path: &Path, line: usize, text: &str) -> Result<R, DatasetError> {
+    let wrong = |column: &str, expected, found: &str| DatasetError::Field {
+        path: path.to_path_buf(),
+        line,
+        column: column.to_owned(),
+        expected,
+        found: found.to_owned(),
+    };
+    let mut fields = text.split(',');
+    let mut values = Vec::with_capacity(R::COLUMNS.len());
+    for spec in R::COLUMNS {
+        let field = fields.next().ok_or_else(|| wrong(spec.name, "a number", "end of line"))?;
+        let value = if field.trim().is_empty() { Ok(f64::NAN) } else { field.trim().parse() };
+        values.push(value.map_err(|_| wrong(spec.name, "a number", field))?);
+    }
+    let last = R::COLUMNS.last().map_or("", |spec| spec.name);
+    if let Some(extra) = fields.next() {
+        return Err(wrong(last, "the end of the line after it", extra));
+    }
+    R::from_values(&values).ok_or_else(|| wrong(last, "one number per column", text))
+}
