@@ -20,8 +20,8 @@ impl Dialect for Julabo {
     }
 
     fn profile(&self) -> LinkProfile {
-        // The manual asks for 250 ms after a command.
-        LinkProfile { min_gap: ms(250), strip_flow_control: true, ..LinkProfile::scpi(Terminator::Cr) }
+        // The manual asks for 250 ms after a command and 10 ms after a query.
+        LinkProfile { terminator: Terminator::Cr, min_gap: ms(10), write_gap: ms(250), error_query: None, strip_flow_bytes: true, ..LinkProfile::scpi() }
     }
 
     fn identity_query(&self) -> &'static str {

@@ -5,7 +5,6 @@ use super::{Capabilities, Dialect, Sine};
 use crate::{
     exchange::{Exchange, Expect, Identity},
     link::LinkProfile,
-    scpi::decode::Terminator,
     supply4q::ms,
     units::{Hertz, Volts},
 };
@@ -21,7 +20,7 @@ impl Dialect for Sdg {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { min_gap: ms(10), ..LinkProfile::scpi(Terminator::Lf) }
+        LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
     }
 
     fn capabilities(&self) -> Capabilities {

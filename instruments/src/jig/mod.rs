@@ -4,7 +4,6 @@ use crate::{
     exchange::{Exchange, Identity, play},
     link::{Link, LinkError, LinkProfile},
     mock::plant::Fixture,
-    scpi::decode::Terminator,
     supply4q::ms,
 };
 
@@ -19,7 +18,7 @@ pub struct Jig {
 impl Jig {
     /// Pace and deadlines of its link.
     pub fn profile() -> LinkProfile {
-        LinkProfile { min_gap: ms(1), error_query: Some("SYST:ERR?"), ..LinkProfile::scpi(Terminator::Lf) }
+        LinkProfile { min_gap: ms(1), ..LinkProfile::scpi() }
     }
 
     /// Puts the jig on a link. Sends nothing.

@@ -147,6 +147,18 @@ pub enum LinkError {
         /// What it should have been.
         expected: String,
     },
+    /// An answer came whole, but says something that no driver can use.
+    #[error("{link}: `{asked}` answered `{answered}`: expected {expected}")]
+    Unexpected {
+        /// The instrument.
+        link: String,
+        /// The query.
+        asked: String,
+        /// Its answer.
+        answered: String,
+        /// What it should have been.
+        expected: String,
+    },
     /// The link was dropped before; nothing was sent.
     #[error("{link}: the link is dropped ({why}); nothing was sent")]
     Dropped {
@@ -164,6 +176,12 @@ fn listed(entries: &[ErrorEntry]) -> String {
 impl LinkError {
     /// The link is dropped after this error and answers nothing until it is reconnected.
     pub fn drops_link(&self) -> bool {
-        !matches!(self, Self::Unsendable { .. } | Self::Refused { .. } | Self::ReadBack { .. })
+        !matches!(self, Self::Unsendable { .. } | Self::Refused { .. } | Self::ReadBack { .. } | Self::Unexpected { .. })
+    }
+
+    /// An answer that a driver cannot use.
+    pub fn unexpected(link: &str, asked: &str, answered: &str, expected: &str) -> Self {
+        let (link, asked) = (link.to_owned(), asked.to_owned());
+        Self::Unexpected { link, asked, answered: answered.trim().to_owned(), expected: expected.to_owned() }
     }
 }

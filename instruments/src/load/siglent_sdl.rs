@@ -4,7 +4,6 @@ use super::{Capabilities, Dialect, Discharge};
 use crate::{
     exchange::{Exchange, Identity},
     link::LinkProfile,
-    scpi::decode::Terminator,
     supply4q::ms,
     units::Amps,
 };
@@ -20,7 +19,7 @@ impl Dialect for Sdl {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { min_gap: ms(10), ..LinkProfile::scpi(Terminator::Lf) }
+        LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
     }
 
     fn capabilities(&self) -> Capabilities {

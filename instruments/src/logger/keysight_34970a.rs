@@ -4,7 +4,6 @@ use super::Dialect;
 use crate::{
     exchange::{Exchange, Identity},
     link::LinkProfile,
-    scpi::decode::Terminator,
     supply4q::ms,
 };
 
@@ -20,7 +19,7 @@ impl Dialect for Keysight34970a {
 
     fn profile(&self) -> LinkProfile {
         // A scan of thermocouples takes some 100 ms a channel.
-        LinkProfile { min_gap: ms(5), timeout: ms(10_000), error_query: Some("SYST:ERR?"), ..LinkProfile::scpi(Terminator::Lf) }
+        LinkProfile { min_gap: ms(5), timeout: ms(10_000), ..LinkProfile::scpi() }
     }
 
     fn recognises(&self, identity: &Identity) -> bool {

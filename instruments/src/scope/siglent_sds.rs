@@ -6,7 +6,6 @@ use super::{Capabilities, Dialect, Intent, Preamble, Queries};
 use crate::{
     exchange::{Exchange, Identity},
     link::LinkProfile,
-    scpi::decode::Terminator,
     supply4q::ms,
     units::{Seconds, Volts},
 };
@@ -38,7 +37,7 @@ impl Dialect for Sds {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { min_gap: ms(10), ..LinkProfile::scpi(Terminator::Lf) }
+        LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
     }
 
     fn capabilities(&self) -> Capabilities {

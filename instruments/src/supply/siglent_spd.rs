@@ -5,7 +5,6 @@ use super::{Capabilities, Charge, Dialect};
 use crate::{
     exchange::{Exchange, Expect, Identity},
     link::LinkProfile,
-    scpi::decode::Terminator,
     supply4q::ms,
     units::{Amps, Volts},
 };
@@ -24,7 +23,7 @@ impl Dialect for Spd {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { min_gap: ms(20), error_query: Some("SYST:ERR?"), ..LinkProfile::scpi(Terminator::Lf) }
+        LinkProfile { min_gap: ms(20), ..LinkProfile::scpi() }
     }
 
     fn capabilities(&self) -> Capabilities {

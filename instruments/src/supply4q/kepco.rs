@@ -7,7 +7,6 @@ use super::{AnalogSelect, Capabilities, Dialect, Limits, ms};
 use crate::{
     exchange::{Exchange, Identity},
     link::LinkProfile,
-    scpi::decode::Terminator,
     units::{Amps, Volts},
 };
 
@@ -31,7 +30,7 @@ impl Dialect for Kepco {
 
     fn profile(&self) -> LinkProfile {
         // ≈25 ms a command on the LAN card, which loses what comes faster.
-        LinkProfile { min_gap: ms(35), error_query: Some("SYST:ERR?"), ..LinkProfile::scpi(Terminator::Lf) }
+        LinkProfile { min_gap: ms(35), ..LinkProfile::scpi() }
     }
 
     fn capabilities(&self) -> Capabilities {
