@@ -2,4 +2,5 @@
 
 mod mocks_devices;
 mod mocks_plant;
+mod mocks_ports;
 mod mocks_scope;
