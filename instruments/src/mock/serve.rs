@@ -3,7 +3,7 @@
 //! One client at a time, as the instruments have it: the next one waits until the first has gone. The instrument keeps its settings from one
 //! client to the next. Everything runs on the caller's runtime, without threads, so that in virtual time in-process streams stay exact.
 
-use std::{io, net::SocketAddr, path::PathBuf};
+use std::{io, net::SocketAddr};
 
 use tokio::{
     io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt},
@@ -99,7 +99,7 @@ async fn serve_socket(device: &mut dyn Device, stream: TcpStream, clock: &Clock)
 ///
 /// # Errors
 /// What the operating system says when it has no pseudo terminal left.
-pub fn serve_pty(mut device: Box<dyn Device>, clock: Clock) -> io::Result<(PathBuf, JoinHandle<()>)> {
+pub fn serve_pty(mut device: Box<dyn Device>, clock: Clock) -> io::Result<(String, JoinHandle<()>)> {
     let pty = Pty::open()?;
     let path = pty.path().to_owned();
     // The terminal outlives its clients: a serial line does not tell the instrument that somebody has gone.

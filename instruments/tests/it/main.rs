@@ -4,5 +4,6 @@ mod device;
 mod link;
 mod mocks_devices;
 mod mocks_plant;
+mod mocks_ports;
 mod mocks_scope;
 mod ports;
