@@ -118,11 +118,9 @@ impl BoxQuadratic {
         let n = self.n;
         let mut index = [0; MAX_UNKNOWNS];
         let mut m = 0;
-        for i in 0..n {
-            if free[i] {
-                index[m] = i;
-                m += 1;
-            }
+        for (i, _) in free.iter().enumerate().take(n).filter(|(_, f)| **f) {
+            index[m] = i;
+            m += 1;
         }
         let mut a = [0.0; MAX_UNKNOWNS * MAX_UNKNOWNS];
         let mut b = [0.0; MAX_UNKNOWNS];

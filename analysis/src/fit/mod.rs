@@ -23,3 +23,6 @@ pub use local::{LocalOptions, Minimum, Smooth, minimise};
 pub use options::{Bounds, FitError, FitOptions, MAX_RC, Objective};
 pub use rng::Rng;
 pub use uncertainty::{ErmSigma, RcSigma};
+
+#[cfg(test)]
+mod tests;

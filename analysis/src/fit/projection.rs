@@ -80,8 +80,8 @@ impl<'a> Projection<'a> {
                 let s = basis[i];
                 quadratic.c[i] += s.re * b.re + s.im * b.im;
                 let (hx, hy) = (xx * s.re + xy * s.im, xy * s.re + yy * s.im);
-                for j in 0..=i {
-                    quadratic.q[i][j] += hx * basis[j].re + hy * basis[j].im;
+                for (q, column) in quadratic.q[i].iter_mut().zip(&basis[..=i]) {
+                    *q += hx * column.re + hy * column.im;
                 }
             }
         }

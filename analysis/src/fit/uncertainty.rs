@@ -9,9 +9,13 @@ use super::erm::log_bounds;
 use super::linalg::invert;
 use super::local::Smooth;
 use super::options::{FitOptions, Objective};
-use super::problem::Problem;
+use super::problem::{Group, Problem, impedance};
 use crate::model::Erm;
 use serde::{Deserialize, Serialize};
+
+/// Corner of the norm, in median residuals, for the Hessian of a sum of norms. The fit runs right through some points, whose curvature 1/|r|
+/// says nothing of the noise: with a sharp corner the sigmas come out less than half of what repeated measurements show.
+const NORM_CORNER: f64 = 0.5;
 
 /// Standard uncertainty of a branch; none where the data do not fix it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -87,8 +91,7 @@ fn sigma(erm: &Erm, entry: &impl Fn(usize, usize) -> Option<f64>) -> ErmSigma {
 /// Covariance of the free logarithmic parameters, row-major; none when the data do not fix them or leave no freedom to tell.
 fn covariance(problem: &Problem, x: &[f64], free: &[usize], (freedom, spectra): (f64, usize)) -> Option<Vec<f64>> {
     let (n, m) = (x.len(), free.len());
-    // A corner far below the residuals keeps points that are met exactly from making the Hessian infinite.
-    let problem = problem.smoothed(1e-6 * problem.scale_ohm);
+    let problem = problem.smoothed(NORM_CORNER * median_residual_ohm(problem, x).max(1e-6 * problem.scale_ohm));
     let chi2 = if problem.absolute_weights {
         // For χ² the expected Hessian 2JᵀWJ is wanted: the model's own curvature times residuals averages out.
         None
@@ -113,6 +116,16 @@ fn covariance(problem: &Problem, x: &[f64], free: &[usize], (freedom, spectra): 
     let small_sample = if by_spectrum { spectra as f64 / (spectra as f64 - 1.0) * numbers / freedom } else { numbers / freedom };
     let half = multiply(&bread, &meat, m);
     Some(multiply(&half, &bread, m).iter().map(|v| v * small_sample).collect())
+}
+
+fn median_residual_ohm(problem: &Problem, x: &[f64]) -> f64 {
+    let of = |g: &Group| {
+        let z = impedance(x, g.freq_hz);
+        g.points.iter().map(move |p| (z - p.z).norm()).collect::<Vec<f64>>()
+    };
+    let mut residuals: Vec<f64> = problem.groups.iter().flat_map(of).collect();
+    residuals.sort_by(f64::total_cmp);
+    residuals.get(residuals.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// 2JᵀWJ with respect to the logarithmic parameters.

@@ -37,18 +37,27 @@ pub(crate) fn warnings(fit: &ErmFit, problem: &Problem, spectra: &[Spectrum], co
     found
 }
 
-/// Parameters with value, sigma, bounds, unit, by the thesis' names.
-fn parameters(fit: &ErmFit) -> Vec<(String, f64, Option<f64>, (f64, f64), &'static str)> {
-    let mut all = vec![("R".to_owned(), fit.erm.r_ohm, fit.sigma.r_ohm, fit.bounds.r_ohm, "Ω")];
+/// One parameter by its name in the thesis.
+struct Parameter {
+    name: String,
+    value: f64,
+    sigma: Option<f64>,
+    bounds: (f64, f64),
+    unit: &'static str,
+}
+
+fn parameters(fit: &ErmFit) -> Vec<Parameter> {
+    let resistance = |name: String, value, sigma| Parameter { name, value, sigma, bounds: fit.bounds.r_ohm, unit: "Ω" };
+    let mut all = vec![resistance("R".to_owned(), fit.erm.r_ohm, fit.sigma.r_ohm)];
     for (k, (b, s)) in fit.erm.branches.iter().zip(&fit.sigma.branches).enumerate() {
-        all.push((format!("R{}", k + 1), b.r_ohm, s.r_ohm, fit.bounds.r_ohm, "Ω"));
-        all.push((format!("C{}", k + 1), b.c_f, s.c_f, fit.bounds.c_f, "F"));
+        all.push(resistance(format!("R{}", k + 1), b.r_ohm, s.r_ohm));
+        all.push(Parameter { name: format!("C{}", k + 1), value: b.c_f, sigma: s.c_f, bounds: fit.bounds.c_f, unit: "F" });
     }
     all
 }
 
 fn at_bounds(fit: &ErmFit, found: &mut Vec<String>) {
-    for (name, value, _, (lo, hi), unit) in parameters(fit) {
+    for Parameter { name, value, bounds: (lo, hi), unit, .. } in parameters(fit) {
         if value <= lo * NEAR_BOUND {
             found.push(format!("{name} is at its lower bound of {lo} {unit}"));
         } else if value >= hi / NEAR_BOUND {
@@ -63,7 +72,7 @@ fn not_identified(fit: &ErmFit, found: &mut Vec<String>) {
         found.push(format!("the data do not fix all {parameters} parameters: no uncertainty can be given; try fewer RC branches"));
         return;
     }
-    for (name, value, sigma, ..) in parameters(fit) {
+    for Parameter { name, value, sigma, .. } in parameters(fit) {
         if let Some(relative) = sigma.map(|s| s / value).filter(|s| *s > UNIDENTIFIED) {
             let percent = if relative < 10.0 { format!("{:.0} %", relative * 100.0) } else { "more than 1000 %".to_owned() };
             found.push(format!("{name} is not identified by the data: its standard uncertainty is {percent}"));

@@ -156,6 +156,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    type Spoil = fn(&mut Erm);
+
     /// Appendix A of the thesis, 4 RC circuits, in the thesis' order.
     fn appendix_a4() -> Erm {
         let rc = |r_ohm, c_f| RcBranch { r_ohm, c_f };
@@ -187,7 +189,7 @@ mod tests {
             assert!((met - expected_mohm).abs() < 0.005, "|Z| at {freq_hz} Hz: expected {expected_mohm} mΩ, met {met} mΩ");
         }
         assert!((erm.dc_resistance_ohm() - 0.013_778_796_025_006_38).abs() < 1e-12);
-        let tau = erm.clone().ordered().time_constants_s();
+        let tau = erm.ordered().time_constants_s();
         for (met, expected) in tau.iter().zip([0.000_834_327, 0.004_626_22, 0.268_225, 5.176_242]) {
             assert!((met / expected - 1.0).abs() < 1e-5, "expected {expected} s, met {met} s");
         }
@@ -206,7 +208,7 @@ mod tests {
 
     #[test]
     fn refuses_what_no_cell_has() {
-        let cases: [(fn(&mut Erm), &str); 3] = [
+        let cases: [(Spoil, &str); 3] = [
             (|e| e.r_ohm = 0.0, "R of the ERM: expected a positive finite number in Ω, met 0"),
             (|e| e.branches[1].r_ohm = -1.0, "R2 of the ERM: expected a positive finite number in Ω, met -1"),
             (|e| e.branches[3].c_f = f64::NAN, "C4 of the ERM: expected a positive finite number in F, met NaN"),
