@@ -1,1 +1,91 @@
-//! Placeholder.
+//! Impedance spectra from text files, the format told by the content and not by the file's name.
+//!
+//! | format | first line that is not a comment | spectra |
+//! |---|---|---|
+//! | the project's | a header with `freq_hz,z_re_ohm,z_im_ohm`, perhaps `sigma_re_ohm,sigma_im_ohm`, `cov_re_im_ohm2`, `amplitude_a`, others | one |
+//! | impedance.py's | no header, three numbers: f in Hz, Re Z, Im Z in Ω | one |
+//! | the thesis' | `freq,offset,resistance,theta`: Hz, bias in A, \|Z\| in Ω, arg Z in rad | one per offset |
+//! | the project's tidy table | `fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad` | one per fixture, cell, repeat, bias |
+//!
+//! Fields are separated by commas, columns may stand in any order where there is a header, columns of other names are passed over. Blank lines,
+//! CRLF, a byte order mark, blanks and double quotes around a field, and comments (`#` first in a line) are tolerated. Points are sorted by
+//! frequency. What cannot be a measurement is refused: the error names file, line, column, what was expected and what was met.
+//!
+//! Names: a file that holds one spectrum gives it the file's name without extension. The tidy table's are `cell0_3` (cell 0, repeat 3),
+//! `shunt_0`, `fake_cell_0` (fixture, repeat), with the bias at the end where it is not zero: `cell0_0_-2A`, `cell0_0_+5A`.
+//!
+//! Vendors' files (Gamry, BioLogic, ZPlot, …) are not read yet.
+
+mod error;
+mod layout;
+mod text;
+
+pub use error::FormatError;
+
+use crate::spectrum::Spectrum;
+use std::path::Path;
+
+/// What a file tells of where a spectrum comes from, beyond its name; none where it does not tell.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Origin {
+    /// What was clamped in: `cell`, `shunt`, `fake_cell`, …
+    pub fixture: Option<String>,
+    /// Which of them.
+    pub cell: Option<String>,
+    /// Which repetition.
+    pub repeat: Option<String>,
+    /// Direct current superposed, A; charging is positive.
+    pub bias_a: Option<f64>,
+}
+
+impl Origin {
+    /// Nothing says that this is another fixture than a cell, or that a bias flowed.
+    pub fn is_unbiased_cell(&self) -> bool {
+        self.fixture.as_deref().is_none_or(|f| f == "cell") && self.bias_a.is_none_or(|b| b == 0.0)
+    }
+}
+
+/// A spectrum and where it comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SourcedSpectrum {
+    /// Where it comes from.
+    pub origin: Origin,
+    /// The spectrum.
+    pub spectrum: Spectrum,
+}
+
+/// Reads all spectra of a file, in the order of their first row.
+///
+/// # Errors
+/// [`FormatError`] when the file cannot be read, is of no known format, or holds what cannot be a measurement.
+pub fn read_spectra(path: &Path) -> Result<Vec<Spectrum>, FormatError> {
+    Ok(read_sourced(path)?.into_iter().map(|s| s.spectrum).collect())
+}
+
+/// Reads the spectra of cells measured without bias: all of a file that names no fixture and no bias, and of a table those rows.
+///
+/// # Errors
+/// As [`read_spectra`]. A file without any such spectrum gives an empty list.
+pub fn read_unbiased_cells(path: &Path) -> Result<Vec<Spectrum>, FormatError> {
+    Ok(read_sourced(path)?.into_iter().filter(|s| s.origin.is_unbiased_cell()).map(|s| s.spectrum).collect())
+}
+
+/// Reads all spectra of a file with what it tells of their origin.
+///
+/// # Errors
+/// As [`read_spectra`].
+pub fn read_sourced(path: &Path) -> Result<Vec<SourcedSpectrum>, FormatError> {
+    let bytes = std::fs::read(path).map_err(|source| FormatError::Read { file: path.to_owned(), source })?;
+    parse(path, &bytes)
+}
+
+/// As [`read_sourced`], from bytes already read; `path` serves names and messages only.
+///
+/// # Errors
+/// As [`read_spectra`], but for reading.
+pub fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<SourcedSpectrum>, FormatError> {
+    layout::parse(&text::Text::new(path, bytes)?)
+}
+
+#[cfg(test)]
+mod tests;

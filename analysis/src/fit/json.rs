@@ -1,0 +1,188 @@
+//! The files a fit leaves: the list of fits as the command line prints it, and one model file per order.
+
+use super::erm::ErmFit;
+use super::options::Objective;
+use super::uncertainty::ErmSigma;
+use crate::model::{Erm, RcBranch};
+use crate::pack::{Pack, PackError};
+use serde::{Deserialize, Serialize};
+
+/// Name of the model file's schema.
+pub const MODEL_SCHEMA: &str = "eis-bench/model";
+/// Version of the model file's schema; readers refuse a newer one.
+pub const MODEL_SCHEMA_VERSION: u32 = 1;
+
+/// All fits of one call: `{"fits": [{"rc": …, "objective": …, "r_ohm": …, "branches": […], "dc_resistance_ohm": …, …}]}`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FitReport {
+    /// One entry per fit.
+    pub fits: Vec<FitEntry>,
+}
+
+/// One fit of a [`FitReport`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FitEntry {
+    /// Number of RC branches.
+    pub rc: usize,
+    /// Value of the objective, in the unit of its kind.
+    pub objective: f64,
+    /// Series resistance, Ω.
+    pub r_ohm: f64,
+    /// RC branches by rising time constant.
+    pub branches: Vec<RcBranch>,
+    /// Resistance at zero frequency, Ω.
+    pub dc_resistance_ohm: f64,
+    /// What was made small.
+    pub objective_kind: Objective,
+    /// Names of the spectra pooled.
+    pub spectra: Vec<String>,
+    /// Points fitted.
+    pub points: usize,
+    /// Time constants of the branches, s.
+    pub time_constants_s: Vec<f64>,
+    /// Standard uncertainty of the parameters.
+    pub sigma: ErmSigma,
+    /// Root mean square of |Z_model − Z_data|, Ω.
+    pub rms_ohm: f64,
+    /// χ² per degree of freedom, where the data state their uncertainty.
+    pub reduced_chi2: Option<f64>,
+    /// What a user must know.
+    pub warnings: Vec<String>,
+}
+
+impl FitEntry {
+    /// The entry of a fit to the spectra of these names.
+    pub fn new(fit: &ErmFit, spectra: Vec<String>) -> Self {
+        Self {
+            rc: fit.erm.branches.len(),
+            objective: fit.objective,
+            r_ohm: fit.erm.r_ohm,
+            branches: fit.erm.branches.clone(),
+            dc_resistance_ohm: fit.erm.dc_resistance_ohm(),
+            objective_kind: fit.objective_kind,
+            spectra,
+            points: fit.points,
+            time_constants_s: fit.erm.time_constants_s(),
+            sigma: fit.sigma.clone(),
+            rms_ohm: fit.rms_ohm,
+            reduced_chi2: fit.reduced_chi2,
+            warnings: fit.warnings.clone(),
+        }
+    }
+}
+
+/// A cell's model as a pack sees it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PackModel {
+    /// Size and interconnect.
+    #[serde(flatten)]
+    pub pack: Pack,
+    /// The pack's model.
+    pub erm: Erm,
+    /// The pack's resistance at zero frequency, Ω.
+    pub dc_resistance_ohm: f64,
+}
+
+impl PackModel {
+    /// Maps a cell's model to a pack.
+    ///
+    /// # Errors
+    /// [`PackError`] for a pack that cannot be or a cell model that is not valid.
+    pub fn new(cell: &Erm, pack: Pack) -> Result<Self, PackError> {
+        let erm = pack.erm(cell)?;
+        Ok(Self { pack, dc_resistance_ohm: erm.dc_resistance_ohm(), erm })
+    }
+}
+
+/// Contents of a `model.json`: one fitted order with all that is known of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ModelFile {
+    /// [`MODEL_SCHEMA`].
+    pub schema: String,
+    /// [`MODEL_SCHEMA_VERSION`] of the writer.
+    pub schema_version: u32,
+    /// What the model is of.
+    pub name: String,
+    /// Number of RC branches.
+    pub rc: usize,
+    /// The fit of the cell.
+    pub fit: ErmFit,
+    /// Resistance of the cell at zero frequency, Ω.
+    pub dc_resistance_ohm: f64,
+    /// Time constants of the branches, s.
+    pub time_constants_s: Vec<f64>,
+    /// Names of the spectra pooled.
+    pub spectra: Vec<String>,
+    /// The cell's model mapped to a pack, where one was asked for.
+    pub pack: Option<PackModel>,
+}
+
+impl ModelFile {
+    /// The file of a fit to the spectra of these names.
+    pub fn new(name: &str, fit: ErmFit, spectra: Vec<String>, pack: Option<PackModel>) -> Self {
+        Self {
+            schema: MODEL_SCHEMA.to_owned(),
+            schema_version: MODEL_SCHEMA_VERSION,
+            name: name.to_owned(),
+            rc: fit.erm.branches.len(),
+            dc_resistance_ohm: fit.erm.dc_resistance_ohm(),
+            time_constants_s: fit.erm.time_constants_s(),
+            spectra,
+            pack,
+            fit,
+        }
+    }
+
+    /// The file's text.
+    ///
+    /// # Errors
+    /// [`JsonError::Syntax`] when a value cannot be written; does not happen for a fit made by [`super::fit_erm`].
+    pub fn to_json(&self) -> Result<String, JsonError> {
+        Ok(serde_json::to_string_pretty(self)? + "\n")
+    }
+
+    /// Reads a file's text, written by this version or an older one.
+    ///
+    /// # Errors
+    /// [`JsonError`] for text that is not JSON, another schema, a newer version, or a model that is not valid.
+    pub fn from_json(text: &str) -> Result<Self, JsonError> {
+        #[derive(Deserialize)]
+        struct Head {
+            schema: String,
+            schema_version: u32,
+        }
+        let head: Head = serde_json::from_str(text)?;
+        if head.schema != MODEL_SCHEMA {
+            return Err(JsonError::Schema { met: head.schema });
+        }
+        if head.schema_version == 0 || head.schema_version > MODEL_SCHEMA_VERSION {
+            return Err(JsonError::Version { met: head.schema_version });
+        }
+        let file: Self = serde_json::from_str(text)?;
+        file.fit.erm.validate()?;
+        Ok(file)
+    }
+}
+
+/// Why a model file could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum JsonError {
+    /// Not JSON, or not of this shape.
+    #[error("model file: {0}")]
+    Syntax(#[from] serde_json::Error),
+    /// Another schema.
+    #[error("model file: expected schema \"{MODEL_SCHEMA}\", met \"{met}\"")]
+    Schema {
+        /// The schema met.
+        met: String,
+    },
+    /// A version this program does not know.
+    #[error("model file: expected schema version 1 to {MODEL_SCHEMA_VERSION}, met {met}")]
+    Version {
+        /// The version met.
+        met: u32,
+    },
+    /// A model that cannot be a cell's.
+    #[error("model file: {0}")]
+    Model(#[from] crate::model::ModelError),
+}

@@ -1,0 +1,178 @@
+//! How well the data fix the parameters.
+//!
+//! With weights that are inverse covariances: (JᵀWJ)⁻¹, widened by the reduced χ² where that exceeds one (Birge's ratio). Otherwise the sandwich
+//! H⁻¹BH⁻¹ of an M-estimator (Huber, 1967), H the Hessian of the objective and B the scatter of its gradient over the data; over whole spectra
+//! when there are more of them than parameters, because the points of one sweep share its cell and its contacts, else over points. A parameter
+//! held by a bound has no sigma.
+
+use super::erm::log_bounds;
+use super::linalg::invert;
+use super::local::Smooth;
+use super::options::{FitOptions, Objective};
+use super::problem::{Group, Problem, impedance};
+use crate::model::Erm;
+use serde::{Deserialize, Serialize};
+
+/// Corner of the norm, in median residuals, for the Hessian of a sum of norms. The fit runs right through some points, whose curvature 1/|r|
+/// says nothing of the noise: with a sharp corner the sigmas come out less than half of what repeated measurements show.
+const NORM_CORNER: f64 = 0.5;
+
+/// Standard uncertainty of a branch; none where the data do not fix it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RcSigma {
+    /// Of the resistance, Ω.
+    pub r_ohm: Option<f64>,
+    /// Of the capacitance, F.
+    pub c_f: Option<f64>,
+    /// Of the time constant, s.
+    pub time_constant_s: Option<f64>,
+}
+
+/// Standard uncertainty of a model's parameters; none where the data do not fix them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ErmSigma {
+    /// Of the series resistance, Ω.
+    pub r_ohm: Option<f64>,
+    /// Of the branches, in their order.
+    pub branches: Vec<RcSigma>,
+    /// Of the resistance at zero frequency, Ω.
+    pub dc_resistance_ohm: Option<f64>,
+}
+
+pub(crate) struct Uncertainty {
+    pub(crate) sigma: ErmSigma,
+    pub(crate) log_covariance: Option<Vec<Vec<f64>>>,
+    /// Degrees of freedom; zero when there are no more numbers than parameters.
+    pub(crate) freedom: f64,
+}
+
+impl Uncertainty {
+    pub(crate) fn of(problem: &Problem, erm: &Erm, options: &FitOptions, spectra: usize) -> Self {
+        let x = erm.log_parameters();
+        let n = x.len();
+        let per_point = if problem.kind == Objective::Modulus { 1 } else { 2 };
+        let freedom = (per_point * problem.points).saturating_sub(n) as f64;
+        let bounds = log_bounds(options);
+        let free: Vec<usize> = (0..n).filter(|i| x[*i] > bounds[*i].0 + 1e-9 && x[*i] < bounds[*i].1 - 1e-9).collect();
+        let covariance = covariance(problem, &x, &free, (freedom, spectra));
+        let entry = |i: usize, j: usize| -> Option<f64> {
+            let (row, column) = (free.iter().position(|f| *f == i)?, free.iter().position(|f| *f == j)?);
+            covariance.as_ref().map(|c| c[row * free.len() + column])
+        };
+        let sigma = sigma(erm, &entry);
+        let log_covariance = (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect();
+        Self { sigma, log_covariance, freedom }
+    }
+}
+
+fn sigma(erm: &Erm, entry: &impl Fn(usize, usize) -> Option<f64>) -> ErmSigma {
+    let root = |variance: f64| Some(variance.max(0.0).sqrt()).filter(|s| s.is_finite());
+    let relative = |i: usize| entry(i, i).and_then(root);
+    let branch = |(k, b): (usize, &crate::model::RcBranch)| {
+        let (i, j) = (2 * k + 1, 2 * k + 2);
+        let sum = || root(entry(i, i)? + entry(j, j)? + 2.0 * entry(i, j)?);
+        RcSigma {
+            r_ohm: relative(i).map(|s| s * b.r_ohm),
+            c_f: relative(j).map(|s| s * b.c_f),
+            time_constant_s: sum().map(|s| s * b.time_constant_s()),
+        }
+    };
+    let resistances: Vec<(usize, f64)> =
+        std::iter::once((0, erm.r_ohm)).chain(erm.branches.iter().enumerate().map(|(k, b)| (2 * k + 1, b.r_ohm))).collect();
+    let pairs = resistances.iter().flat_map(|a| resistances.iter().map(move |b| (a, b)));
+    let dc: Option<f64> = pairs.map(|(a, b)| entry(a.0, b.0).map(|c| c * a.1 * b.1)).sum();
+    ErmSigma {
+        r_ohm: relative(0).map(|s| s * erm.r_ohm),
+        branches: erm.branches.iter().enumerate().map(branch).collect(),
+        dc_resistance_ohm: dc.and_then(root),
+    }
+}
+
+/// Covariance of the free logarithmic parameters, row-major; none when the data do not fix them or leave no freedom to tell.
+fn covariance(problem: &Problem, x: &[f64], free: &[usize], (freedom, spectra): (f64, usize)) -> Option<Vec<f64>> {
+    let (n, m) = (x.len(), free.len());
+    let problem = problem.smoothed(NORM_CORNER * median_residual_ohm(problem, x).max(1e-6 * problem.scale_ohm));
+    let chi2 = if problem.absolute_weights {
+        // For χ² the expected Hessian 2JᵀWJ is wanted: the model's own curvature times residuals averages out.
+        None
+    } else {
+        let (mut gradient, mut hessian) = (vec![0.0; n], vec![0.0; n * n]);
+        problem.expand(x, &mut gradient, &mut hessian);
+        Some(hessian)
+    };
+    let hessian = chi2.unwrap_or_else(|| information(&problem, x));
+    let kept: Vec<f64> = free.iter().flat_map(|i| free.iter().map(|j| hessian[i * n + j]).collect::<Vec<_>>()).collect();
+    let bread = invert(&kept, m)?;
+    if problem.absolute_weights {
+        let widening = if freedom > 0.0 { (problem.value(x) / freedom).max(1.0) } else { 1.0 };
+        return Some(bread.iter().map(|v| 2.0 * v * widening).collect());
+    }
+    if freedom <= 0.0 {
+        return None;
+    }
+    let by_spectrum = spectra > n;
+    let meat = gradient_scatter(&problem, x, free, by_spectrum.then_some(spectra));
+    let numbers = freedom + n as f64;
+    let small_sample = if by_spectrum { spectra as f64 / (spectra as f64 - 1.0) * numbers / freedom } else { numbers / freedom };
+    let half = multiply(&bread, &meat, m);
+    Some(multiply(&half, &bread, m).iter().map(|v| v * small_sample).collect())
+}
+
+fn median_residual_ohm(problem: &Problem, x: &[f64]) -> f64 {
+    let of = |g: &Group| {
+        let z = impedance(x, g.freq_hz);
+        g.points.iter().map(move |p| (z - p.z).norm()).collect::<Vec<f64>>()
+    };
+    let mut residuals: Vec<f64> = problem.groups.iter().flat_map(of).collect();
+    residuals.sort_by(f64::total_cmp);
+    residuals.get(residuals.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// 2JᵀWJ with respect to the logarithmic parameters.
+fn information(problem: &Problem, x: &[f64]) -> Vec<f64> {
+    let n = x.len();
+    let mut sum = vec![0.0; n * n];
+    let Ok(erm) = Erm::from_log_parameters(x) else { return sum };
+    for g in &problem.groups {
+        let slopes = erm.log_gradient(g.freq_hz);
+        let [xx, xy, yy] = g.weight;
+        for (i, a) in slopes.iter().enumerate() {
+            for (j, b) in slopes.iter().enumerate() {
+                sum[i * n + j] += 2.0 * (xx * a.re * b.re + xy * (a.re * b.im + a.im * b.re) + yy * a.im * b.im);
+            }
+        }
+    }
+    sum
+}
+
+/// Σ gᵢgᵢᵀ over the gradients of the objective's shares: of whole spectra, or of single points.
+fn gradient_scatter(problem: &Problem, x: &[f64], free: &[usize], spectra: Option<usize>) -> Vec<f64> {
+    let m = free.len();
+    let mut sum = vec![0.0; m * m];
+    let mut add = |g: &[f64]| {
+        for i in 0..m {
+            for j in 0..m {
+                sum[i * m + j] += g[i] * g[j];
+            }
+        }
+    };
+    let Ok(erm) = Erm::from_log_parameters(x) else { return sum };
+    let mut clusters = vec![vec![0.0; m]; spectra.unwrap_or(0)];
+    for g in &problem.groups {
+        let (z, slopes) = (erm.impedance(g.freq_hz), erm.log_gradient(g.freq_hz));
+        for p in &g.points {
+            let [gx, gy] = problem.point_gradient(p, z);
+            let share: Vec<f64> = free.iter().map(|i| gx * slopes[*i].re + gy * slopes[*i].im).collect();
+            match clusters.get_mut(p.spectrum) {
+                Some(cluster) => cluster.iter_mut().zip(&share).for_each(|(c, s)| *c += s),
+                None => add(&share),
+            }
+        }
+    }
+    clusters.iter().for_each(|c| add(c));
+    sum
+}
+
+fn multiply(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
+    (0..n * n).map(|ij| (0..n).map(|k| a[ij / n * n + k] * b[k * n + ij % n]).sum()).collect()
+}

@@ -1,0 +1,91 @@
+//! Why a file of spectra was refused.
+
+use std::path::PathBuf;
+
+/// Why a file of spectra was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum FormatError {
+    /// The file could not be read.
+    #[error("{}: expected a readable file of impedance spectra: {source}", file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        #[source]
+        source: std::io::Error,
+    },
+    /// Bytes that are no text.
+    #[error("{}, line {line}: expected UTF-8 text, met byte 0x{byte:02X}", file.display())]
+    NotText {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The first byte that is no text.
+        byte: u8,
+    },
+    /// No line with data.
+    #[error("{}: expected at least one line with a frequency and an impedance, met {met}", file.display())]
+    Empty {
+        /// The file.
+        file: PathBuf,
+        /// What there was.
+        met: &'static str,
+    },
+    /// A first line of no known format.
+    #[error(
+        "{}, line {line}: expected three numbers (frequency, Re, Im) or one of the headers \
+         \"freq_hz,z_re_ohm,z_im_ohm[,…]\", \"freq,offset,resistance,theta\", \
+         \"fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad\", met {met}", file.display()
+    )]
+    UnknownFormat {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The line, shortened.
+        met: String,
+    },
+    /// A header that names a column twice or half of a pair.
+    #[error("{}, line {line}: expected {expected}, met {met}", file.display())]
+    Header {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What was expected.
+        expected: String,
+        /// What was met.
+        met: String,
+    },
+    /// A line with too few or too many fields.
+    #[error("{}, line {line}, column {column}: expected {expected} fields, met {met}", file.display())]
+    FieldCount {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The first field that is missing or too many, from 1.
+        column: usize,
+        /// Fields expected.
+        expected: usize,
+        /// Fields met.
+        met: usize,
+    },
+    /// A field that is not what its column holds.
+    #[error("{}, line {line}, column {column} ({name}): expected {expected}, met \"{met}\"", file.display())]
+    Field {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Field, from 1.
+        column: usize,
+        /// The column's name.
+        name: &'static str,
+        /// What was expected.
+        expected: &'static str,
+        /// What was met.
+        met: String,
+    },
+}
