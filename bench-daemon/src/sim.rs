@@ -5,7 +5,7 @@ use std::{
     sync::{Arc, Mutex},
 };
 
-use fixtures::{bench::SimulatedBench, scenario::Scenario};
+use fixtures::{Scenario, SimulatedBench};
 use instruments::{
     clock::Clock,
     mock::{self, MockOptions, plant::SharedPlant},
@@ -72,7 +72,7 @@ impl Simulation {
     pub fn new(path: &Path, seed: u64) -> Result<Self, SimError> {
         let source = Source::read(path)?;
         let scenario: Scenario = source.parse()?;
-        let world = SimulatedBench::new(scenario, seed).map_err(|error| source.complain(error.field(), error.to_string()))?;
+        let world = SimulatedBench::new(&scenario, seed).map_err(|error| source.complain(&error.field, error.to_string()))?;
         Ok(Self { world: Arc::new(Mutex::new(world)), scenario: source })
     }
 
@@ -113,15 +113,15 @@ impl Simulation {
             let port = |reason: String| SimError::Port { role, address: instrument.address.to_string(), reason };
             let address = match &instrument.address {
                 Address::Tcp { host, port: number } => {
-                    let bound = mock::serve_tcp(device, &format!("{host}:{number}"), clock.clone()).await.map_err(|error| port(error.to_string()))?;
+                    let (bound, _task) = mock::serve_tcp(device, &format!("{host}:{number}"), clock.clone()).await.map_err(|error| port(error.to_string()))?;
                     format!("tcp://{bound}")
                 }
                 Address::Memory { .. } => {
-                    let bound = mock::serve_tcp(device, "127.0.0.1:0", clock.clone()).await.map_err(|error| port(error.to_string()))?;
+                    let (bound, _task) = mock::serve_tcp(device, "127.0.0.1:0", clock.clone()).await.map_err(|error| port(error.to_string()))?;
                     format!("tcp://{bound}")
                 }
                 Address::Serial(settings) => {
-                    let path = mock::serve_pty(device, clock.clone()).map_err(|error| port(error.to_string()))?;
+                    let (path, _task) = mock::serve_pty(device, clock.clone()).map_err(|error| port(error.to_string()))?;
                     let mut settings = settings.clone();
                     settings.path = path;
                     Address::Serial(settings).to_string()

@@ -8,7 +8,7 @@ mod source;
 
 use std::path::PathBuf;
 
-use analysis::{calibration::KnownImpedance, fit::erm::Objective};
+use analysis::{calibration::KnownImpedance, fit::Objective};
 use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
 
 pub use resolve::{load_bench, load_experiment};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use analysis::{calibration::KnownImpedance, fit::erm::Objective};
+use analysis::{calibration::KnownImpedance, fit::Objective};
 use instruments::{chiller, clock::TimeMode, generator, jig, load, logger, mock::plant::Fixture, scope, supply, supply4q, transport::Address};
 
 use super::{

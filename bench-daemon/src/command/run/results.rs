@@ -1,0 +1,102 @@
+//! What is made of a finished run: fits, model files, plots, the report, and a summary for the terminal.
+
+use analysis::{
+    dataset,
+    fit::{ErmFit, FitOptions, ModelFile, PackModel, fit_erm},
+    pack::Pack,
+    spectrum::Spectrum,
+};
+use instruments::mock::plant::Fixture;
+
+use super::Measured;
+use crate::{command::Failure, config::Experiment, fixture_check, record::Recorder};
+
+/// Writes everything that follows from the measurement into the run folder; returns the summary.
+///
+/// # Errors
+/// A fit that cannot be made; a file that cannot be written.
+pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Result<String, Failure> {
+    let fits = fit_orders(experiment, &measured.spectrum)?;
+    let pack = Pack::new(experiment.cell.series, experiment.cell.parallel, 0.0).map_err(|error| Failure::Analysis(error.to_string()))?;
+    for fit in &fits {
+        let mapped = PackModel::new(&fit.erm, pack).map_err(|error| Failure::Analysis(error.to_string()))?;
+        let model = ModelFile::new(&experiment.cell.name, fit.clone(), vec![measured.spectrum.name.clone()], Some(mapped));
+        let text = model.to_json().map_err(|error| Failure::Analysis(error.to_string()))?;
+        recorder.text(&format!("model_{}rc.json", model.rc), &text)?;
+    }
+    for (name, points) in &measured.sweeps {
+        let raw = fixture_check::raw_points(&experiment.bench, points);
+        dataset::write_spectrum_parquet(&recorder.path(&format!("raw_{name}.parquet")), &raw).map_err(crate::record::RecordError::from)?;
+    }
+    range_warnings(recorder, measured);
+    Ok(summary(recorder, experiment, measured, &fits))
+}
+
+fn fit_orders(experiment: &Experiment, spectrum: &Spectrum) -> Result<Vec<ErmFit>, Failure> {
+    let spectra = std::slice::from_ref(spectrum);
+    let fit = |&rc: &usize| {
+        let options = FitOptions { rc, objective: experiment.fit.objective, seed: experiment.seed, ..FitOptions::default() };
+        fit_erm(spectra, &options).map_err(|error| Failure::Analysis(format!("{rc} RC: {error}")))
+    };
+    experiment.fit.rc.iter().map(fit).collect()
+}
+
+/// A gain belongs to a range: a correction measured on one range does not hold on another.
+fn range_warnings(recorder: &mut Recorder, measured: &Measured) {
+    let Some(cell) = measured.sweeps.get(crate::plan::fixture_name(Fixture::Cell)) else { return };
+    for control in ["shunt", "fake_cell"] {
+        let Some(points) = measured.sweeps.get(control) else { continue };
+        for (point, reference) in cell.iter().zip(points) {
+            let other = |slot: &usize| (point.volts_per_div[*slot] / reference.volts_per_div[*slot] - 1.0).abs() > 1.0e-3;
+            if let Some(slot) = (0..4).find(other) {
+                recorder.warning(&format!(
+                    "channel {} measured the cell at {} V/div and the {control} at {} V/div from {:.4} Hz on: the correction assumes equal gain",
+                    slot + 1,
+                    point.volts_per_div[slot],
+                    reference.volts_per_div[slot],
+                    point.phasors.freq_hz
+                ));
+                break;
+            }
+        }
+    }
+}
+
+fn summary(recorder: &Recorder, experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> String {
+    let mut lines = vec![format!("{} on bench {}: {}", experiment.name, experiment.bench.name, experiment.cell.name), String::new()];
+    for control in &measured.controls {
+        lines.push(format!("control {}, as read: {}", control.control, control.raw.text));
+        lines.extend(control.corrected.iter().map(|verdict| format!("control {}, corrected: {}", control.control, verdict.text)));
+    }
+    lines.push(String::new());
+    if let (Some(first), Some(last)) = (measured.spectrum.points.first(), measured.spectrum.points.last()) {
+        for point in [first, last] {
+            lines.push(format!(
+                "|Z| at {:>8.3} Hz: {:.4} ± {:.4} mΩ, phase {:+.2}°",
+                point.freq_hz,
+                1.0e3 * point.magnitude_ohm(),
+                2.0e3 * point.magnitude_sigma_ohm(),
+                point.phase_rad().to_degrees()
+            ));
+        }
+    }
+    lines.push(String::new());
+    for fit in fits {
+        let chi2 = fit.reduced_chi2.map_or_else(String::new, |chi2| format!(", reduced χ² {chi2:.2}"));
+        lines.push(format!(
+            "{} RC: R {:.4} mΩ, DC resistance {:.4} mΩ, rms residual {:.2} µΩ{chi2}",
+            fit.erm.branches.len(),
+            1.0e3 * fit.erm.r_ohm,
+            1.0e3 * fit.erm.dc_resistance_ohm(),
+            1.0e6 * fit.rms_ohm
+        ));
+    }
+    if !recorder.warnings().is_empty() {
+        lines.push(String::new());
+        lines.extend(recorder.warnings().iter().map(|warning| format!("note: {warning}")));
+    }
+    lines.push(String::new());
+    lines.push(format!("run folder: {}", recorder.folder().display()));
+    lines.push(format!("report:     {}", recorder.path("report.html").display()));
+    lines.join("\n") + "\n"
+}
