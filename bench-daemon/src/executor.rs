@@ -4,7 +4,7 @@
 mod dc;
 mod sine;
 
-use instruments::{clock::Clock, link::LinkError, mock::plant::Fixture, scope::Vertical, supply4q, units::Volts};
+use instruments::{clock::Clock, link::LinkError, mock::plant::Fixture, scope::Vertical, supply4q, units::{Amps, Volts}};
 
 pub use sine::SweepPoint;
 
@@ -128,7 +128,10 @@ impl<'a> Executor<'a> {
                 Step::Discharge { .. } => self.discharge(step).await?,
                 Step::Charge { .. } => self.charge(step).await?,
                 Step::Rest { .. } => self.rest(step).await?,
-                Step::PowerUp { compliance_v, limit_a } => self.power_up(compliance_v, limit_a).await?,
+                Step::PowerUp { compliance_v, limit_a } => {
+                    let limits = supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) };
+                    self.power_up(fixture, &limits).await?;
+                }
                 Step::Sine { .. } => {
                     let point = self.sine(fixture, step).await?;
                     on_point(self.recorder, &point)?;
@@ -157,8 +160,7 @@ impl<'a> Executor<'a> {
         Ok(())
     }
 
-    async fn power_up(&mut self, compliance_v: f64, limit_a: f64) -> Result<(), ExecuteError> {
-        let limits = supply4q::Limits { compliance: Volts(compliance_v), current: instruments::units::Amps(limit_a) };
+    async fn power_up(&mut self, fixture: Fixture, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
         let error = self.bench.error("generator");
         let offset = Volts(self.experiment.bench.wiring.command_offset_v);
         let generator = require(&mut self.bench.generator, "generator")?;
@@ -166,7 +168,12 @@ impl<'a> Executor<'a> {
         generator.steady(offset).await.map_err(&error)?;
         let error = self.bench.error("supply4q");
         let supply = require(&mut self.bench.supply4q, "supply4q")?;
-        supply.prepare(&limits).await.map_err(&error)?;
+        supply.prepare(limits).await.map_err(&error)?;
+        if fixture == Fixture::Cell {
+            // A cell that is missing, reversed or ruined must not be driven: its terminals are read while the output is still off.
+            let reading = self.read_supply4q().await?;
+            self.judge("idle", reading)?;
+        }
         // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
         let generator_error = self.bench.error("generator");
         require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;

@@ -106,6 +106,19 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
     Ok(())
 }
 
+/// Plays a whole script whatever happens in between, for switching off: a message that is refused must not keep the next from being sent.
+///
+/// # Errors
+/// The link's error for the first message that failed.
+pub async fn play_all(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError> {
+    let mut outcome = Ok(());
+    for exchange in script {
+        let played = play(link, std::slice::from_ref(exchange)).await;
+        outcome = outcome.and(played);
+    }
+    outcome
+}
+
 /// The number at the start of an answer, whatever unit follows it.
 pub fn leading_number(answer: &str) -> Option<f64> {
     let text = answer.trim();

@@ -48,7 +48,7 @@ impl Executor<'_> {
 
     pub(super) async fn discharge(&mut self, step: &Step) -> Result<(), ExecuteError> {
         let Step::Discharge { current_a, until_v, max_s } = *step else { return Ok(()) };
-        let idle_v = self.load_volts().await?.0;
+        let idle_v = self.idle_volts("discharge").await?;
         if idle_v <= until_v {
             tracing::info!("already at {idle_v:.3} V: nothing to discharge");
             return Ok(());
@@ -78,6 +78,7 @@ impl Executor<'_> {
 
     pub(super) async fn charge(&mut self, step: &Step) -> Result<(), ExecuteError> {
         let Step::Charge { current_a, limit_v, until_v, max_s } = *step else { return Ok(()) };
+        self.idle_volts("charge").await?;
         let error = self.bench.error("supply");
         let charge = Charge { voltage: Volts(limit_v), current: Amps(current_a) };
         require(&mut self.bench.supply, "supply")?.prepare(&charge).await.map_err(&error)?;
@@ -133,6 +134,14 @@ impl Executor<'_> {
                 return Ok(());
             }
         }
+    }
+
+    /// The cell's voltage before anything is switched on: a cell that is missing, reversed or ruined must not be driven.
+    async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
+        let volts = self.load_volts().await?.0;
+        let reading = Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), ..Reading::default() };
+        self.judge(phase, reading)?;
+        Ok(volts)
     }
 
     async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {

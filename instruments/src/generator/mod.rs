@@ -3,7 +3,7 @@
 mod siglent_sdg;
 
 use crate::{
-    exchange::{Exchange, Identity, play},
+    exchange::{Exchange, Identity, play, play_all},
     link::{Link, LinkError, LinkProfile},
     units::{Hertz, Volts},
 };
@@ -108,7 +108,7 @@ impl Generator {
     /// # Errors
     /// As [`Self::sine`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        self.output(false).await
+        play_all(&mut self.link, &self.dialect.output(self.channel, false)).await
     }
 
     /// The link, for reconnecting.

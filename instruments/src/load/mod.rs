@@ -3,7 +3,7 @@
 mod siglent_sdl;
 
 use crate::{
-    exchange::{Exchange, Identity, play},
+    exchange::{Exchange, Identity, play, play_all},
     link::{Link, LinkError, LinkProfile},
     supply4q::number,
     units::{Amps, Volts},
@@ -95,7 +95,7 @@ impl Load {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.input(false)).await
+        play_all(&mut self.link, &self.dialect.input(false)).await
     }
 
     /// Voltage at the sense terminals and current drawn.

@@ -3,7 +3,7 @@
 mod siglent_spd;
 
 use crate::{
-    exchange::{Exchange, Identity, play},
+    exchange::{Exchange, Identity, play, play_all},
     link::{Link, LinkError, LinkProfile},
     supply4q::number,
     units::{Amps, Volts},
@@ -95,7 +95,7 @@ impl Supply {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.output(false)).await
+        play_all(&mut self.link, &self.dialect.output(false)).await
     }
 
     /// Voltage at the terminals and current delivered.

@@ -48,14 +48,21 @@ impl Dialect for Kepco {
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {
-        if on { vec![Exchange::word("OUTP ON", "OUTP?", &["1", "ON"])] } else { vec![Exchange::word("OUTP OFF", "OUTP?", &["0", "OFF"])] }
+        if on {
+            return vec![Exchange::word("OUTP ON", "OUTP?", &["1", "ON"])];
+        }
+        let off = Exchange::word("OUTP OFF", "OUTP?", &["0", "OFF"]);
+        match self.analog_select {
+            // The factory setting ACTIVE holds zero volts when off, which shorts a cell; BATTERY opens the output.
+            AnalogSelect::Command => vec![Exchange::word("OUTP:MODE BATTERY", "OUTP:MODE?", &["BATTERY", "BATT"]), off],
+            // A linear one that is off holds zero of what its mode controls: zero amperes leave the cell alone, zero volts do not.
+            AnalogSelect::Wiring => vec![Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"]), off],
+        }
     }
 
     fn prepare(&self, limits: &Limits) -> Vec<Exchange> {
         let mut script = Vec::new();
         if self.analog_select == AnalogSelect::Command {
-            // BATTERY opens the output when it is off; the factory setting would hold zero volts across the cell.
-            script.push(Exchange::word("OUTP:MODE BATTERY", "OUTP:MODE?", &["BATTERY", "BATT"]));
             script.push(Exchange::word("CURR:MODE FIX", "CURR:MODE?", &["FIX", "FIXED"]));
         }
         script.push(Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"]));
@@ -100,10 +107,16 @@ mod tests {
         let limits = Limits { compliance: Volts(5.0), current: Amps(3.0) };
         assert_eq!(
             words(&BOP_MG.prepare(&limits)),
-            ["OUTP:MODE BATTERY", "CURR:MODE FIX", "FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000", "CURR:PROT 3.0000"]
+            ["CURR:MODE FIX", "FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000", "CURR:PROT 3.0000"]
         );
         assert_eq!(words(&BOP_MG.analog(true)), ["CURR:MODE EXT"]);
         assert_eq!(words(&BOP_LINEAR.prepare(&limits)), ["FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000"]);
         assert_eq!(BOP_LINEAR.analog(true), []);
+    }
+
+    #[test]
+    fn switching_off_never_shorts_the_cell() {
+        assert_eq!(words(&BOP_MG.output(false)), ["OUTP:MODE BATTERY", "OUTP OFF"]);
+        assert_eq!(words(&BOP_LINEAR.output(false)), ["FUNC:MODE CURR", "OUTP OFF"]);
     }
 }

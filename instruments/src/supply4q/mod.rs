@@ -8,7 +8,7 @@ mod kepco;
 use std::time::Duration;
 
 use crate::{
-    exchange::{Exchange, Identity, leading_number, play},
+    exchange::{Exchange, Identity, leading_number, play, play_all},
     link::{Link, LinkError, LinkProfile},
     units::{Amps, Volts},
 };
@@ -57,7 +57,8 @@ pub trait Dialect: Send + Sync {
     fn capabilities(&self) -> Capabilities;
     /// Whether an identity answer is this dialect's.
     fn recognises(&self, identity: &Identity) -> bool;
-    /// Output off (the first and the last thing).
+    /// Switches the output. Off is the first and the last thing, and must leave the cell unconnected, not shorted by an output that holds zero
+    /// volts: where the instrument can do either, the script chooses first.
     fn output(&self, on: bool) -> Vec<Exchange>;
     /// Current mode, limits, zero set-point; assumes the output is off.
     fn prepare(&self, limits: &Limits) -> Vec<Exchange>;
@@ -116,10 +117,11 @@ impl Supply4q {
     /// Output off, read back; then back to the digital set-point. Safe at any time, also twice.
     ///
     /// # Errors
-    /// As [`Self::prepare`]; the output command is sent first, so that a later failure leaves it off.
+    /// As [`Self::prepare`]; everything is sent whatever fails in between.
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.output(false)).await?;
-        play(&mut self.link, &self.dialect.analog(false)).await
+        let off = play_all(&mut self.link, &self.dialect.output(false)).await;
+        let digital = play_all(&mut self.link, &self.dialect.analog(false)).await;
+        off.and(digital)
     }
 
     /// Terminal voltage and current (charge positive).
