@@ -127,7 +127,7 @@ fn a_block_arrives_whole_however_it_is_cut() {
     let reply = [b"C1:WF ALL,".to_vec(), encode_definite(&payload).unwrap(), b"\n\n".to_vec()].concat();
     let cuts = reply.len();
     let script = {
-        let (reply, next) = (reply.clone(), Cell::new(0));
+        let (reply, next) = (reply, Cell::new(0));
         move |message: &str| match message {
             "BLOCK?" => {
                 let (left, right) = reply.split_at(next.get());
