@@ -17,7 +17,7 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 
 /// What the device does on one message.
 #[derive(Debug, Clone)]
-pub enum Reply {
+pub(crate) enum Reply {
     /// Says nothing.
     Silence,
     /// Writes these pieces, each after a wait in bench seconds.
@@ -26,16 +26,16 @@ pub enum Reply {
     Hangup(Vec<u8>),
 }
 
-pub fn now(bytes: impl Into<Vec<u8>>) -> Reply {
+pub(crate) fn now(bytes: impl Into<Vec<u8>>) -> Reply {
     Reply::Pieces(vec![(0.0, bytes.into())])
 }
 
-pub fn later(after_s: f64, bytes: impl Into<Vec<u8>>) -> Reply {
+pub(crate) fn later(after_s: f64, bytes: impl Into<Vec<u8>>) -> Reply {
     Reply::Pieces(vec![(after_s, bytes.into())])
 }
 
 /// Answers messages on `stream` until it ends.
-pub async fn serve(
+pub(crate) async fn serve(
     mut stream: impl AsyncRead + AsyncWrite + Unpin,
     terminator: Terminator,
     clock: Clock,
@@ -69,7 +69,7 @@ pub async fn serve(
 }
 
 /// Serves `memory:device` on `hub`: every connection gets the same script, and what it was sent is collected.
-pub fn serve_memory(
+pub(crate) fn serve_memory(
     hub: &MemoryHub,
     clock: &Clock,
     reply: impl FnMut(&str) -> Reply + Send + Clone + 'static,
@@ -94,7 +94,7 @@ pub fn serve_memory(
 }
 
 /// A profile with short deadlines and no error queue.
-pub fn plain() -> LinkProfile {
+pub(crate) fn plain() -> LinkProfile {
     LinkProfile {
         first_timeout: Duration::from_secs(3),
         timeout: Duration::from_secs(1),
@@ -106,15 +106,15 @@ pub fn plain() -> LinkProfile {
 
 /// A writer that tests can read.
 #[derive(Debug, Clone, Default)]
-pub struct SharedText(Arc<Mutex<Vec<u8>>>);
+pub(crate) struct SharedText(Arc<Mutex<Vec<u8>>>);
 
 impl SharedText {
-    pub fn text(&self) -> String {
+    pub(crate) fn text(&self) -> String {
         String::from_utf8(self.0.lock().unwrap().clone()).unwrap()
     }
 
     /// The lines without their times, checked to be a transcript that can be read.
-    pub fn lines(&self) -> Vec<String> {
+    pub(crate) fn lines(&self) -> Vec<String> {
         let transcript = Transcript::parse(&self.text()).unwrap();
         assert_eq!(transcript.torn, None);
         transcript.records.iter().map(|record| record.to_string().split_once(' ').unwrap().1.to_owned()).collect()
@@ -133,7 +133,7 @@ impl io::Write for SharedText {
 }
 
 /// Opens a link named `dev`.
-pub async fn open(address: &str, profile: LinkProfile, clock: &Clock, hub: &MemoryHub, tap: Tap) -> Result<Link, LinkError> {
+pub(crate) async fn open(address: &str, profile: LinkProfile, clock: &Clock, hub: &MemoryHub, tap: Tap) -> Result<Link, LinkError> {
     let address: Address = address.parse().unwrap();
     Link::open(LinkOptions { name: "dev".to_owned(), address, profile, clock: clock.clone(), hub: hub.clone(), tap }).await
 }

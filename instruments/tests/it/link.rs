@@ -127,7 +127,7 @@ fn a_block_arrives_whole_however_it_is_cut() {
     let reply = [b"C1:WF ALL,".to_vec(), encode_definite(&payload).unwrap(), b"\n\n".to_vec()].concat();
     let cuts = reply.len();
     let script = {
-        let (reply, next) = (reply.clone(), Cell::new(0));
+        let (reply, next) = (reply, Cell::new(0));
         move |message: &str| match message {
             "BLOCK?" => {
                 let (left, right) = reply.split_at(next.get());
@@ -335,5 +335,32 @@ fn addresses_where_nobody_answers_are_named() {
         assert!(error.to_string().contains("nobody listens"), "a dropped listener frees its name: {error}");
         let _listener = hub.listen("device").unwrap();
         assert_eq!(hub.listen("device").unwrap_err().to_string(), "cannot listen on memory:device: somebody does already");
+        let mut waiting = Vec::new();
+        let busy = loop {
+            match open("memory:device", plain(), &clock, &hub, Tap::none()).await {
+                Ok(link) => waiting.push(link),
+                Err(error) => break error.to_string(),
+            }
+        };
+        assert_eq!((waiting.len(), busy.as_str()), (8, "dev: cannot open memory:device: its listener takes in no connections"));
     });
+}
+
+#[test]
+fn an_exchange_may_run_on_any_task() {
+    fn is_send<T: Send>(value: T) -> T {
+        value
+    }
+    with_link(
+        plain(),
+        |_| now("1\n"),
+        async |mut link, _, _| {
+            let task = tokio::spawn(is_send(async move {
+                link.set("A 1", "A?", |answer| if answer == "1" { Ok(()) } else { Err("1".to_owned()) }).await.unwrap();
+                link.reconnect().await.unwrap();
+                link.query_block("B?").await.unwrap_err().to_string()
+            }));
+            assert!(task.await.unwrap().contains("expected a block"));
+        },
+    );
 }

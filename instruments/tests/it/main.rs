@@ -1,5 +1,7 @@
 //! What only shows when the layers work together, over real ports and in-process ones.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test that panics has found something")]
+
 mod device;
 mod link;
 mod mocks_devices;
