@@ -131,10 +131,8 @@ impl Bench {
     pub async fn open(config: &config::Bench, connections: &Connections) -> Result<Self, BenchError> {
         let instruments = &config.instruments;
         let channel = config.wiring.generator_channel;
-        let logger_channels = instruments
-            .logger
-            .as_ref()
-            .map_or_else(Vec::new, |(_, cell, ambient)| std::iter::once(*cell).chain(*ambient).collect());
+        let logger_channels =
+            instruments.logger.as_ref().map_or_else(Vec::new, |(_, cell, ambient)| std::iter::once(*cell).chain(*ambient).collect());
         let jig = match &instruments.jig {
             Some(config::Jig::Device(instrument)) => Some(Jig::new(link(connections, "jig", instrument, Jig::profile()).await?)),
             Some(config::Jig::Person) | None => None,

@@ -4,7 +4,14 @@
 mod dc;
 mod sine;
 
-use instruments::{clock::Clock, link::LinkError, mock::plant::Fixture, scope::Vertical, supply4q, units::{Amps, Volts}};
+use instruments::{
+    clock::Clock,
+    link::LinkError,
+    mock::plant::Fixture,
+    scope::Vertical,
+    supply4q,
+    units::{Amps, Volts},
+};
 
 pub use sine::SweepPoint;
 
@@ -99,7 +106,18 @@ impl<'a> Executor<'a> {
         clock: Clock,
         (operator, progress): (&'a Operator, &'a Progress),
     ) -> Self {
-        Self { bench, experiment, clock, recorder, operator, progress, verticals: [None; 4], applied: [None; 4], trigger_v: Volts(0.0), polls: 0 }
+        Self {
+            bench,
+            experiment,
+            clock,
+            recorder,
+            operator,
+            progress,
+            verticals: [None; 4],
+            applied: [None; 4],
+            trigger_v: Volts(0.0),
+            polls: 0,
+        }
     }
 
     /// Executes one stage; `on_point` gets every finished point as soon as its capture is on disk.

@@ -168,7 +168,9 @@ const OVERHEAD_S: f64 = 2.0;
 impl Step {
     fn check(&self, limits: &Limits, powered: bool) -> Result<(), String> {
         let current = |amps: f64, limit: f64, what: &str| {
-            (amps > 0.0 && amps <= limit).then_some(()).ok_or_else(|| format!("expected a {what} above 0 A, at most {limit} A, found {amps} A"))
+            (amps > 0.0 && amps <= limit)
+                .then_some(())
+                .ok_or_else(|| format!("expected a {what} above 0 A, at most {limit} A, found {amps} A"))
         };
         let window = |volts: f64, what: &str| {
             (limits.min_v..=limits.max_v)
@@ -232,7 +234,9 @@ impl Step {
     pub fn longest_s(&self) -> f64 {
         match *self {
             Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => 60.0,
-            Self::HoldTemperature { max_s, .. } | Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } | Self::Rest { max_s, .. } => max_s,
+            Self::HoldTemperature { max_s, .. } | Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } | Self::Rest { max_s, .. } => {
+                max_s
+            }
             Self::Sine { wait_s, .. } => (wait_s + 60.0) * (MAX_RANGING + 1) as f64,
         }
     }
@@ -257,14 +261,18 @@ impl fmt::Display for Step {
             Self::HoldTemperature { setpoint_c, within_k, max_s } => {
                 write!(f, "hold {setpoint_c} °C, wait until the cell is within {within_k} K, at most {}", minutes(max_s))
             }
-            Self::Discharge { current_a, until_v, max_s } => write!(f, "discharge at {current_a} A to {until_v} V, at most {}", minutes(max_s)),
+            Self::Discharge { current_a, until_v, max_s } => {
+                write!(f, "discharge at {current_a} A to {until_v} V, at most {}", minutes(max_s))
+            }
             Self::Charge { current_a, limit_v, until_v, max_s } => {
                 write!(f, "charge at {current_a} A (limit {limit_v} V) to {until_v} V, at most {}", minutes(max_s))
             }
             Self::Rest { min_s, max_s, slope_v_per_s } => {
                 write!(f, "rest {} to {}, until slower than {:.3} mV/min", minutes(min_s), minutes(max_s), slope_v_per_s * 6.0e4)
             }
-            Self::PowerUp { compliance_v, limit_a } => write!(f, "bipolar supply up: compliance {compliance_v} V, current limit {limit_a} A"),
+            Self::PowerUp { compliance_v, limit_a } => {
+                write!(f, "bipolar supply up: compliance {compliance_v} V, current limit {limit_a} A")
+            }
             Self::Sine { index, freq_hz, amplitude_a, wait_s } => {
                 write!(f, "point {:>2}: {freq_hz:>10.4} Hz, {amplitude_a} A, wait {wait_s:.1} s", index + 1)
             }

@@ -180,8 +180,11 @@ impl Recorder {
     /// A file that cannot be written.
     pub fn json<T: Serialize>(&self, name: &str, value: &T) -> Result<(), RecordError> {
         let path = self.path(name);
-        let mut text = serde_json::to_string_pretty(value)
-            .map_err(|error| RecordError::Io { path: path.clone(), what: "cannot be put into JSON", source: std::io::Error::other(error) })?;
+        let mut text = serde_json::to_string_pretty(value).map_err(|error| RecordError::Io {
+            path: path.clone(),
+            what: "cannot be put into JSON",
+            source: std::io::Error::other(error),
+        })?;
         text.push('\n');
         Ok(dataset::write_atomically(&path, text.as_bytes())?)
     }

@@ -113,11 +113,14 @@ impl Simulation {
             let port = |reason: String| SimError::Port { role, address: instrument.address.to_string(), reason };
             let address = match &instrument.address {
                 Address::Tcp { host, port: number } => {
-                    let (bound, _task) = mock::serve_tcp(device, &format!("{host}:{number}"), clock.clone()).await.map_err(|error| port(error.to_string()))?;
+                    let (bound, _task) = mock::serve_tcp(device, &format!("{host}:{number}"), clock.clone())
+                        .await
+                        .map_err(|error| port(error.to_string()))?;
                     format!("tcp://{bound}")
                 }
                 Address::Memory { .. } => {
-                    let (bound, _task) = mock::serve_tcp(device, "127.0.0.1:0", clock.clone()).await.map_err(|error| port(error.to_string()))?;
+                    let (bound, _task) =
+                        mock::serve_tcp(device, "127.0.0.1:0", clock.clone()).await.map_err(|error| port(error.to_string()))?;
                     format!("tcp://{bound}")
                 }
                 Address::Serial(settings) => {

@@ -26,7 +26,8 @@ pub fn identify(args: &IdentifyArgs) -> Result<(), Failure> {
     Clock::runtime(mode)?.block_on(async {
         let clock = Clock::start(mode);
         let hub = MemoryHub::new();
-        let simulation = config.simulation.as_ref().filter(|_| in_process).map(|section| Simulation::new(&section.scenario, 0)).transpose()?;
+        let simulation =
+            config.simulation.as_ref().filter(|_| in_process).map(|section| Simulation::new(&section.scenario, 0)).transpose()?;
         if let Some(simulation) = &simulation {
             simulation.serve_in_process(&config, &clock, &hub)?;
         }

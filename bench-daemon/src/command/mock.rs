@@ -78,7 +78,8 @@ fn write_bench(path: &Path, source: &Source, served: &[Served], mode: TimeMode) 
     // What was written must be read back as a bench: a file in another style (inline tables) would keep its old addresses.
     let (bench, _) = load_bench(path)?;
     let addressed = bench.instruments.addressed();
-    let missed = served.iter().find(|mock| !addressed.iter().any(|(role, found)| *role == mock.role && found.address.to_string() == mock.address));
+    let missed =
+        served.iter().find(|mock| !addressed.iter().any(|(role, found)| *role == mock.role && found.address.to_string() == mock.address));
     match missed {
         None => Ok(()),
         Some(mock) => Err(Failure::Usage(format!(

@@ -44,7 +44,8 @@ impl<D: Dimension> Quantity<D> {
         let split = trimmed
             .char_indices()
             .find(|(at, c)| {
-                let exponent = matches!(c, 'e' | 'E') && trimmed[at + 1..].starts_with(|next: char| next.is_ascii_digit() || next == '-' || next == '+');
+                let exponent = matches!(c, 'e' | 'E')
+                    && trimmed[at + 1..].starts_with(|next: char| next.is_ascii_digit() || next == '-' || next == '+');
                 !(c.is_ascii_digit() || matches!(c, '.' | '+' | '-') || exponent)
             })
             .map_or(trimmed.len(), |(at, _)| at);

@@ -3,11 +3,13 @@
 use std::path::Path;
 
 use analysis::{calibration::KnownImpedance, fit::Objective};
-use instruments::{chiller, clock::TimeMode, generator, jig, load, logger, mock::plant::Fixture, scope, supply, supply4q, transport::Address};
+use instruments::{
+    chiller, clock::TimeMode, generator, jig, load, logger, mock::plant::Fixture, scope, supply, supply4q, transport::Address,
+};
 
 use super::{
-    Bench, Cell, ConfigError, ControlTolerance, Eis, Experiment, Fit, FixtureCheck, Instrument, Instruments, Jig, Simulation, SocReset, Source,
-    Temperature, Wiring, raw,
+    Bench, Cell, ConfigError, ControlTolerance, Eis, Experiment, Fit, FixtureCheck, Instrument, Instruments, Jig, Simulation, SocReset,
+    Source, Temperature, Wiring, raw,
 };
 use crate::interlock::Limits;
 
@@ -27,7 +29,8 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
         return Err(source.complain("name", format!("expected a name of letters, digits, `-` and `_`, found {:?}", raw.name)));
     }
     let bench_path = other_bench.map_or_else(|| source.relative(&raw.bench), Path::to_owned);
-    let bench_source = Source::read(&bench_path).map_err(|error| if other_bench.is_none() { in_field(&source, "bench", error) } else { error })?;
+    let bench_source =
+        Source::read(&bench_path).map_err(|error| if other_bench.is_none() { in_field(&source, "bench", error) } else { error })?;
     let bench = resolve_bench(&bench_source)?;
     let cell_source = Source::read(&source.relative(&raw.cell)).map_err(|error| in_field(&source, "cell", error))?;
     let cell = resolve_cell(&cell_source)?;
@@ -101,7 +104,9 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
         None => TimeMode::Real,
     };
     if time == TimeMode::Virtual && !in_process {
-        return Err(source.complain("simulation.time", "virtual time jumps ahead of answers on real ports: it needs `memory:` addresses only"));
+        return Err(
+            source.complain("simulation.time", "virtual time jumps ahead of answers on real ports: it needs `memory:` addresses only")
+        );
     }
     Ok(Simulation { scenario: source.relative(&raw.scenario), time })
 }
@@ -109,14 +114,18 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
 fn known(source: &Source, field: &str, raw: &raw::Known) -> Result<KnownImpedance, ConfigError> {
     let (r_ohm, r_sigma_ohm) = (raw.resistance.si, raw.resistance_sigma.si);
     if !(r_ohm > 0.0 && r_ohm < 1.0) {
-        return Err(source.complain(&format!("{field}.resistance"), format!("expected a resistance above 0 and below 1 Ω, found {r_ohm} Ω")));
+        return Err(
+            source.complain(&format!("{field}.resistance"), format!("expected a resistance above 0 and below 1 Ω, found {r_ohm} Ω"))
+        );
     }
     if !(r_sigma_ohm > 0.0 && r_sigma_ohm < r_ohm) {
         let reason = format!("expected a standard uncertainty above 0 and below the resistance, found {r_sigma_ohm} Ω");
         return Err(source.complain(&format!("{field}.resistance_sigma"), reason));
     }
     if raw.inductance_sigma.si < 0.0 || raw.inductance.si < 0.0 {
-        return Err(source.complain(&format!("{field}.inductance"), "expected an inductance and its standard uncertainty, neither below zero"));
+        return Err(
+            source.complain(&format!("{field}.inductance"), "expected an inductance and its standard uncertainty, neither below zero")
+        );
     }
     Ok(KnownImpedance { r_ohm, r_sigma_ohm, l_h: raw.inductance.si, l_sigma_h: raw.inductance_sigma.si })
 }
@@ -234,7 +243,8 @@ impl Check<'_> {
         self.needs(self.bench.instruments.logger.as_ref(), "logger", "temperature")?;
         let limits = &self.cell.limits;
         let range = chiller::DIALECTS.iter().find(|dialect| dialect.key() == chiller.model).map(|dialect| dialect.range());
-        let (low, high) = range.map_or((limits.min_c, limits.max_c), |(low, high)| (low.value().max(limits.min_c), high.value().min(limits.max_c)));
+        let (low, high) =
+            range.map_or((limits.min_c, limits.max_c), |(low, high)| (low.value().max(limits.min_c), high.value().min(limits.max_c)));
         Ok(Temperature {
             setpoint_c: self.within("temperature.setpoint", raw.setpoint.si, (low, high), "°C")?,
             within_k: self.within("temperature.within", raw.within.si, (0.01, 5.0), "K")?,
@@ -250,7 +260,9 @@ impl Check<'_> {
         }
         // The shunt first: no cell-like thing is clamped before the current path has been seen to work.
         let mut controls = Vec::new();
-        for (fixture, name, tolerance) in [(Fixture::Shunt, "shunt", Some(&raw.shunt)), (Fixture::FakeCell, "fake_cell", raw.fake_cell.as_ref())] {
+        for (fixture, name, tolerance) in
+            [(Fixture::Shunt, "shunt", Some(&raw.shunt)), (Fixture::FakeCell, "fake_cell", raw.fake_cell.as_ref())]
+        {
             let Some(tolerance) = tolerance else { continue };
             let field = |part: &str| format!("fixture_check.{name}.{part}");
             controls.push((
@@ -261,8 +273,7 @@ impl Check<'_> {
                 },
             ));
         }
-        let corrected_tolerance =
-            self.within("fixture_check.corrected_tolerance", raw.corrected_tolerance.si, (1.0e-4, 0.1), "(share)")?;
+        let corrected_tolerance = self.within("fixture_check.corrected_tolerance", raw.corrected_tolerance.si, (1.0e-4, 0.1), "(share)")?;
         Ok(FixtureCheck { controls, corrected_tolerance })
     }
 
@@ -274,7 +285,12 @@ impl Check<'_> {
         let supply_max = supply::DIALECTS.iter().find(|d| d.key() == supply.model).map_or(0.0, |d| d.capabilities().max_current.value());
         let window = (limits.min_v, limits.max_v);
         let reset = SocReset {
-            discharge_a: self.within("soc_reset.discharge_current", raw.discharge_current.si, (0.01, limits.discharge_a.min(load_max)), "A")?,
+            discharge_a: self.within(
+                "soc_reset.discharge_current",
+                raw.discharge_current.si,
+                (0.01, limits.discharge_a.min(load_max)),
+                "A",
+            )?,
             discharge_until_v: self.within("soc_reset.discharge_until", raw.discharge_until.si, window, "V")?,
             charge_a: self.within("soc_reset.charge_current", raw.charge_current.si, (0.01, limits.charge_a.min(supply_max)), "A")?,
             charge_limit_v: self.within("soc_reset.charge_voltage", raw.charge_voltage.si, window, "V")?,
@@ -301,16 +317,16 @@ impl Check<'_> {
         let generator = self.needs(instruments.generator.as_ref(), "generator", "eis")?;
         self.needs(instruments.scope.as_ref(), "scope", "eis")?;
         let generator_dialect = generator::DIALECTS.iter().find(|d| d.key() == generator.model);
-        let (least_hz, greatest_hz) =
-            generator_dialect.map_or((1.0e-3, 1.0e4), |d| (d.capabilities().freq_range.0.value().max(1.0e-3), d.capabilities().freq_range.1.value().min(1.0e4)));
+        let (least_hz, greatest_hz) = generator_dialect.map_or((1.0e-3, 1.0e4), |d| {
+            (d.capabilities().freq_range.0.value().max(1.0e-3), d.capabilities().freq_range.1.value().min(1.0e4))
+        });
         let start_hz = self.within("eis.start", raw.start.si, (least_hz, greatest_hz), "Hz")?;
         let stop_hz = self.within("eis.stop", raw.stop.si, (start_hz, greatest_hz), "Hz")?;
         self.within("eis.points", raw.points as f64, (2.0, 1000.0), "points")?;
         if stop_hz <= start_hz {
             return Err(self.complain("eis.stop", format!("expected more than eis.start ({start_hz} Hz), found {stop_hz} Hz")));
         }
-        let full_scale =
-            supply4q::DIALECTS.iter().find(|d| d.key() == supply4q.model).map_or(0.0, |d| d.capabilities().full_scale.value());
+        let full_scale = supply4q::DIALECTS.iter().find(|d| d.key() == supply4q.model).map_or(0.0, |d| d.capabilities().full_scale.value());
         let greatest_a = full_scale.min(self.cell.limits.charge_a).min(self.cell.limits.discharge_a);
         let amplitude_a = self.within("eis.amplitude", raw.amplitude.si, (0.01, greatest_a), "A")?;
         let eis = Eis {

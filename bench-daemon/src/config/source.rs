@@ -46,8 +46,8 @@ impl Source {
     /// # Errors
     /// [`ConfigError::Unreadable`].
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| ConfigError::Unreadable { path: path.to_owned(), reason: error.to_string() })?;
+        let text =
+            std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable { path: path.to_owned(), reason: error.to_string() })?;
         Ok(Self { path: path.to_owned(), text })
     }
 
@@ -132,9 +132,7 @@ fn descend(table: &DeTable<'_>, at: usize, path: &mut Vec<String>) {
 
 fn contains(table: &DeTable<'_>, at: usize) -> bool {
     table.iter().any(|(key, value)| {
-        key.span().contains(&at)
-            || value.span().contains(&at)
-            || matches!(value.get_ref(), DeValue::Table(inner) if contains(inner, at))
+        key.span().contains(&at) || value.span().contains(&at) || matches!(value.get_ref(), DeValue::Table(inner) if contains(inner, at))
     })
 }
 

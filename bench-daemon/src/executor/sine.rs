@@ -216,7 +216,8 @@ fn analyse(
     let record = Record { channels: &channels, interval_s };
     let periods = interval_s * waveforms[0].codes.len() as f64 * freq_hz;
     if periods < MIN_RECORD_PERIODS {
-        let reason = format!("expected a record of at least {MIN_RECORD_PERIODS} periods, found {periods:.2}: does the scope's time run as ours?");
+        let reason =
+            format!("expected a record of at least {MIN_RECORD_PERIODS} periods, found {periods:.2}: does the scope's time run as ours?");
         return Err(fail(reason));
     }
     let options = FitOptions::default();

@@ -24,7 +24,8 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
                 .map(|dependency| ((*krate).to_owned(), dependency))
         })
         .collect();
-    let expected = [("bench-daemon", "analysis"), ("bench-daemon", "fixtures"), ("bench-daemon", "instruments"), ("fixtures", "instruments")];
+    let expected =
+        [("bench-daemon", "analysis"), ("bench-daemon", "fixtures"), ("bench-daemon", "instruments"), ("fixtures", "instruments")];
     assert_eq!(found, expected.map(|(from, to)| (from.to_owned(), to.to_owned())).into());
 }
 

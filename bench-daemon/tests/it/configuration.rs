@@ -53,7 +53,12 @@ fn mistakes_are_named_with_file_line_and_field() {
         (experiment, "rc = [1, 2, 3, 4]", "rc = [0]", "fit.rc: expected orders from 1 to 6, found [0]"),
         (experiment, "\"complex\"", "\"fancy\"", "fit.objective: "),
         (bench, "[instruments.load]", "[instruments.lode]", "instruments.lode: unknown field `lode`, expected one of `supply4q`"),
-        (bench, "\"siglent-sdl1000x\"", "\"siglent-sdl9\"", "instruments.load.model: expected one of siglent-sdl1000x, found \"siglent-sdl9\""),
+        (
+            bench,
+            "\"siglent-sdl1000x\"",
+            "\"siglent-sdl9\"",
+            "instruments.load.model: expected one of siglent-sdl1000x, found \"siglent-sdl9\"",
+        ),
         (bench, "\"memory:scope\"", "\"tcp:/scope\"", "instruments.scope.address: "),
         (bench, "\"9.96 mΩ\"", "\"9.96 mV\"", "wiring.shunt.resistance: expected a resistance with its unit"),
         ("cells/p45b.toml", "\"2.5 V\"", "\"4.5 V\"", "voltage_max: expected more than voltage_min, found 4.2"),

@@ -21,7 +21,14 @@ impl Dialect for Julabo {
 
     fn profile(&self) -> LinkProfile {
         // The manual asks for 250 ms after a command and 10 ms after a query.
-        LinkProfile { terminator: Terminator::Cr, min_gap: ms(10), write_gap: ms(250), error_query: None, strip_flow_bytes: true, ..LinkProfile::scpi() }
+        LinkProfile {
+            terminator: Terminator::Cr,
+            min_gap: ms(10),
+            write_gap: ms(250),
+            error_query: None,
+            strip_flow_bytes: true,
+            ..LinkProfile::scpi()
+        }
     }
 
     fn identity_query(&self) -> &'static str {
@@ -56,12 +63,7 @@ impl Dialect for Julabo {
         let warning_only = raw.to_ascii_uppercase().contains("WARNING");
         // −08…−11 complain of the last command; they say nothing of the bath.
         let alarm = matches!(code, Some(code) if code < 0 && !(-11..=-8).contains(&code)) && !warning_only;
-        Status {
-            running: matches!(code, Some(1 | 3)),
-            remote: !matches!(code, Some(0 | 1)),
-            alarm: alarm.then(|| raw.clone()),
-            raw,
-        }
+        Status { running: matches!(code, Some(1 | 3)), remote: !matches!(code, Some(0 | 1)), alarm: alarm.then(|| raw.clone()), raw }
     }
 }
 

@@ -42,11 +42,7 @@ impl Dialect for Sdg {
             return vec![Exchange::Set { message: format!("C{channel}:OUTP ON"), read_back, expect: Expect::Contains("OUTP ON") }];
         }
         vec![
-            Exchange::Set {
-                message: format!("C{channel}:OUTP OFF"),
-                read_back: read_back.clone(),
-                expect: Expect::Contains("OUTP OFF"),
-            },
+            Exchange::Set { message: format!("C{channel}:OUTP OFF"), read_back: read_back.clone(), expect: Expect::Contains("OUTP OFF") },
             // With 50 Ω set, an open analog input would see twice the volts that were asked for.
             Exchange::Set { message: format!("C{channel}:OUTP LOAD,HZ"), read_back, expect: Expect::Contains("LOAD,HZ") },
         ]

@@ -31,11 +31,7 @@ impl Dialect for Sdl {
     }
 
     fn input(&self, on: bool) -> Vec<Exchange> {
-        if on {
-            vec![Exchange::word(":INP ON", ":INP?", &["1", "ON"])]
-        } else {
-            vec![Exchange::word(":INP OFF", ":INP?", &["0", "OFF"])]
-        }
+        if on { vec![Exchange::word(":INP ON", ":INP?", &["1", "ON"])] } else { vec![Exchange::word(":INP OFF", ":INP?", &["0", "OFF"])] }
     }
 
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange> {

@@ -105,10 +105,7 @@ mod tests {
     #[test]
     fn the_switching_family_selects_the_analog_input_by_command_and_the_linear_one_never_sends_it() {
         let limits = Limits { compliance: Volts(5.0), current: Amps(3.0) };
-        assert_eq!(
-            words(&BOP_MG.prepare(&limits)),
-            ["CURR:MODE FIX", "FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000", "CURR:PROT 3.0000"]
-        );
+        assert_eq!(words(&BOP_MG.prepare(&limits)), ["CURR:MODE FIX", "FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000", "CURR:PROT 3.0000"]);
         assert_eq!(words(&BOP_MG.analog(true)), ["CURR:MODE EXT"]);
         assert_eq!(words(&BOP_LINEAR.prepare(&limits)), ["FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000"]);
         assert_eq!(BOP_LINEAR.analog(true), []);
