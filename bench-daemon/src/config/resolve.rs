@@ -30,9 +30,9 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
     }
     let bench_path = other_bench.map_or_else(|| source.relative(&raw.bench), Path::to_owned);
     let bench_source =
-        Source::read(&bench_path).map_err(|error| if other_bench.is_none() { in_field(&source, "bench", error) } else { error })?;
+        Source::read(&bench_path).map_err(|error| if other_bench.is_none() { in_field(&source, "bench", &error) } else { error })?;
     let bench = resolve_bench(&bench_source)?;
-    let cell_source = Source::read(&source.relative(&raw.cell)).map_err(|error| in_field(&source, "cell", error))?;
+    let cell_source = Source::read(&source.relative(&raw.cell)).map_err(|error| in_field(&source, "cell", &error))?;
     let cell = resolve_cell(&cell_source)?;
     let check = Check { source: &source, bench_source: &bench_source, bench: &bench, cell: &cell };
     let temperature = raw.temperature.as_ref().map(|section| check.temperature(section)).transpose()?;
@@ -63,7 +63,7 @@ pub fn load_bench(path: &Path) -> Result<(Bench, Source), ConfigError> {
     Ok((resolve_bench(&source)?, source))
 }
 
-fn in_field(source: &Source, field: &str, error: ConfigError) -> ConfigError {
+fn in_field(source: &Source, field: &str, error: &ConfigError) -> ConfigError {
     source.complain(field, error.to_string())
 }
 
