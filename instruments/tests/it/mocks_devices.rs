@@ -142,6 +142,7 @@ fn the_generator_speaks_in_keyword_lists() {
         ),
         ("C1:OUTP ON,LOAD,HZ,PLRT,INVT", ""),
         ("C1:OUTP?", "C1:OUTP ON,LOAD,HZ,PLRT,INVT\n"),
+        ("C1:OUTPut?", "C1:OUTP ON,LOAD,HZ,PLRT,INVT\n"), // long forms are understood, short ones answered
         ("C2:OUTP?", "C2:OUTP OFF,LOAD,HZ,PLRT,NOR\n"),
         ("C1:BSWV FRQ,0.1HZ,AMP,99,MAX_OUTPUT_AMP,4V", ""), // clamped without a word
         (
