@@ -111,7 +111,7 @@ impl Link {
     /// # Errors
     /// As [`Link::query`], without a deadline for an answer.
     pub async fn send_unchecked(&mut self, message: &str) -> Result<(), LinkError> {
-        self.exchange(message, None).await.map(|_| ())
+        self.tell(message).await
     }
 
     /// Asks and waits for a line.
@@ -120,10 +120,7 @@ impl Link {
     /// [`LinkError::Timeout`], [`LinkError::WriteTimeout`], [`LinkError::Closed`], [`LinkError::Io`], [`LinkError::Garbage`] and [`LinkError::Noise`] drop
     /// the link; [`LinkError::Dropped`] when it was dropped before; [`LinkError::Unsendable`] when `message` is not printable ASCII.
     pub async fn query(&mut self, message: &str) -> Result<String, LinkError> {
-        match self.exchange(message, Some(Expect::Line)).await? {
-            Some(Response::Line(line)) => Ok(line),
-            _ => Ok(String::new()),
-        }
+        self.ask(message, Expect::Line).await.map(Response::into_text)
     }
 
     /// Asks and waits for a block; answers its payload.
@@ -131,10 +128,7 @@ impl Link {
     /// # Errors
     /// As [`Link::query`], with the deadline for blocks.
     pub async fn query_block(&mut self, message: &str) -> Result<Vec<u8>, LinkError> {
-        match self.exchange(message, Some(Expect::Block)).await? {
-            Some(Response::Block { payload, .. }) => Ok(payload),
-            _ => Ok(Vec::new()),
-        }
+        self.ask(message, Expect::Block).await.map(Response::into_bytes)
     }
 
     /// Sets something and reads it back. `accept` says of the answer what was expected instead.
@@ -220,55 +214,65 @@ impl Link {
         Err(LinkError::Noise { link: self.link(), message: "connecting".to_owned(), bytes: MAX_INTERRUPTIONS })
     }
 
-    async fn exchange(&mut self, message: &str, expect: Option<Expect>) -> Result<Option<Response>, LinkError> {
+    async fn tell(&mut self, message: &str) -> Result<(), LinkError> {
+        let mut connection = self.begin(message)?;
+        let handed_over = self.hand_over(&mut connection, message).await;
+        self.finish(connection, handed_over)
+    }
+
+    async fn ask(&mut self, message: &str, expect: Expect) -> Result<Response, LinkError> {
+        let mut connection = self.begin(message)?;
+        let answer = match self.hand_over(&mut connection, message).await {
+            Ok(()) => self.wait_for_answer(&mut connection, message, expect).await,
+            Err(error) => Err(error),
+        };
+        self.finish(connection, answer)
+    }
+
+    fn begin(&mut self, message: &str) -> Result<Connection, LinkError> {
         if message.is_empty() || !message.bytes().all(|byte| byte == b' ' || byte.is_ascii_graphic()) {
             return Err(LinkError::Unsendable { link: self.link(), message: excerpt(message.as_bytes()) });
         }
-        let Some(mut connection) = self.connection.take() else {
+        let Some(connection) = self.connection.take() else {
             return Err(LinkError::Dropped { link: self.link(), why: self.why.clone() });
         };
         self.why = format!("`{message}` was abandoned before it was done");
-        match self.exchange_on(&mut connection, message, expect).await {
-            Ok(answer) => {
-                self.connection = Some(connection);
-                Ok(answer)
-            }
-            Err(error) => {
-                self.drop_connection(&error);
-                Err(error)
-            }
-        }
+        Ok(connection)
     }
 
-    async fn exchange_on(
-        &mut self,
-        connection: &mut Connection,
-        message: &str,
-        expect: Option<Expect>,
-    ) -> Result<Option<Response>, LinkError> {
-        let profile = self.options.profile;
+    fn finish<T>(&mut self, connection: Connection, outcome: Result<T, LinkError>) -> Result<T, LinkError> {
+        match &outcome {
+            Ok(_) => self.connection = Some(connection),
+            Err(error) => self.drop_connection(error),
+        }
+        outcome
+    }
+
+    async fn hand_over(&mut self, connection: &mut Connection, message: &str) -> Result<(), LinkError> {
+        let LinkProfile { terminator, timeout: deadline, min_gap, write_gap, .. } = self.options.profile;
         let clock = self.options.clock.clone();
         clock.sleep_s(self.ready_at_s - clock.now_s()).await;
         self.drain(connection, message).await?;
-
         self.record(Direction::Sent, Payload::Text(message.to_owned()));
-        let bytes = [message.as_bytes(), profile.terminator.bytes()].concat();
-        let deadline = profile.timeout;
+        let bytes = [message.as_bytes(), terminator.bytes()].concat();
         let timed_out = |_| LinkError::WriteTimeout { link: self.link(), message: message.to_owned(), deadline };
-        clock.deadline(deadline, connection.write(&bytes)).await.map_err(timed_out)?.map_err(|broken| self.error(broken, message))?;
+        let written = clock.deadline(deadline, connection.write(&bytes)).await.map_err(timed_out)?;
+        written.map_err(|broken| self.error(broken, message))?;
+        self.ready_at_s = clock.now_s() + min_gap.max(write_gap).as_secs_f64();
+        Ok(())
+    }
 
-        let Some(expect) = expect else {
-            self.ready_at_s = clock.now_s() + profile.min_gap.max(profile.write_gap).as_secs_f64();
-            return Ok(None);
-        };
-        let usual = if expect == Expect::Block { profile.block_timeout } else { profile.timeout };
-        let deadline = if connection.has_answered { usual } else { usual.max(profile.first_timeout) };
+    async fn wait_for_answer(&mut self, connection: &mut Connection, message: &str, expect: Expect) -> Result<Response, LinkError> {
+        let LinkProfile { first_timeout, timeout, block_timeout, min_gap, .. } = self.options.profile;
+        let clock = self.options.clock.clone();
+        let usual = if expect == Expect::Block { block_timeout } else { timeout };
+        let deadline = if connection.has_answered { usual } else { usual.max(first_timeout) };
         let timed_out = |_| LinkError::Timeout { link: self.link(), message: message.to_owned(), deadline };
-        let answer =
-            clock.deadline(deadline, connection.read(expect)).await.map_err(timed_out)?.map_err(|broken| self.error(broken, message))?;
+        let read = clock.deadline(deadline, connection.read(expect)).await.map_err(timed_out)?;
+        let answer = read.map_err(|broken| self.error(broken, message))?;
         self.record(Direction::Received, payload_of(&answer));
-        self.ready_at_s = clock.now_s() + profile.min_gap.as_secs_f64();
-        Ok(Some(answer))
+        self.ready_at_s = clock.now_s() + min_gap.as_secs_f64();
+        Ok(answer)
     }
 
     /// Whatever came unasked is no answer to what is asked next.

@@ -30,9 +30,16 @@ pub(crate) fn excerpt(bytes: &[u8]) -> String {
 }
 
 /// Text with its control characters and backslashes written as escapes.
-pub(crate) fn escaped(text: &str) -> String {
-    let escape = |c: char| if c.is_control() || c == '\\' { c.escape_default().collect() } else { c.to_string() };
-    text.chars().map(escape).collect::<String>()
+fn escaped(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_control() || c == '\\' {
+            shown.extend(c.escape_default());
+        } else {
+            shown.push(c);
+        }
+    }
+    shown
 }
 
 /// Text of an instrument: UTF-8 where it is, else Latin-1, as older firmware writes `°` and `Ω`. Never fails and loses nothing.

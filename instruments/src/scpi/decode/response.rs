@@ -35,6 +35,24 @@ pub enum Response {
     },
 }
 
+impl Response {
+    /// The answer as text: the line, or what a block holds.
+    pub fn into_text(self) -> String {
+        match self {
+            Self::Line(line) => line,
+            Self::Block { payload, .. } => text_of(&payload),
+        }
+    }
+
+    /// The answer as bytes: what a block holds, or the line.
+    pub fn into_bytes(self) -> Vec<u8> {
+        match self {
+            Self::Line(line) => line.into_bytes(),
+            Self::Block { payload, .. } => payload,
+        }
+    }
+}
+
 /// How a stream is to be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DecoderOptions {
