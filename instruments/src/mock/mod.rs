@@ -43,6 +43,9 @@ pub struct MockOptions {
     pub echo: bool,
     /// `kepco-bop-linear`: the analog input is wired up and commands the output whenever that is on.
     pub analog_wired: bool,
+    /// `kepco-bop-mg`: with its output off it holds its terminals at zero volts, which shorts a cell, until it is told otherwise; else it was left
+    /// with `BATTERY` stored, as on a bench for cells.
+    pub off_active: bool,
     /// `siglent-sds800x-hd`: points in one page of a waveform, at least 1.
     pub page_points: usize,
     /// `julabo`: left in manual mode at its panel, so that it obeys no command.
@@ -57,6 +60,7 @@ impl Default for MockOptions {
             serial_number: "SIM00001".to_owned(),
             echo: false,
             analog_wired: true,
+            off_active: false,
             page_points: 10_000_000,
             local: false,
             strict_pacing: false,
@@ -146,7 +150,8 @@ fn known_models() -> String {
     MODELS.iter().map(|model| model.key).collect::<Vec<_>>().join(", ")
 }
 
-/// Makes one simulated instrument and connects it to the world.
+/// Makes one simulated instrument and connects it to the world, which learns the state at switch-on as of bench time zero: all instruments of a
+/// bench are made before the first of them is served.
 ///
 /// # Errors
 /// [`UnknownModel`] when no model has this key.

@@ -300,14 +300,21 @@ impl Sdg {
     }
 }
 
+macro_rules! basic_wave {
+    ($index:literal, $prefix:literal) => {
+        &both(
+            |sdg: &mut Sdg, arguments| sdg.set_basic_wave($index, arguments),
+            |sdg, _| text(format!(concat!($prefix, ":BSWV {}"), sdg.channels[$index].describe())),
+        )
+    };
+}
+
 macro_rules! channel {
     ($name:literal, $index:literal, $prefix:literal) => {
         Branch! {$name;
-            Leaf! {b"BSWV" => &both(
-                |sdg: &mut Sdg, arguments| sdg.set_basic_wave($index, arguments),
-                |sdg, _| text(format!(concat!($prefix, ":BSWV {}"), sdg.channels[$index].describe())),
-            )},
-            Leaf! {b"OUTP" => &both(
+            Leaf! {b"BSWV" => basic_wave!($index, $prefix)},
+            Leaf! {b"BASIC_WAVE" => basic_wave!($index, $prefix)},
+            Leaf! {b"OUTPut" => &both(
                 |sdg: &mut Sdg, arguments| sdg.set_output($index, arguments),
                 |sdg, _| text(format!(concat!($prefix, ":OUTP {}"), sdg.channels[$index].describe_output())),
             )},

@@ -35,6 +35,7 @@ fn the_switching_kepco_answers_as_its_manual_has_it() {
         ("CURR:LIM:NEG 3", ""),
         ("CURR:LIM?", "5.0E0, -3.0E0\n"),
         ("CURR? MIN", "-3.0E0\n"),
+        ("CURR 3;:CURR:LIM 2;:CURR?", "2.0E0\n"), // a new limit takes the set-point along
         ("VOLT:PROT:POS 4.25", ""),
         ("VOLT:PROT:POS?", "4.25E0\n"),
         ("VOLT:PROT 60", ""),
@@ -46,6 +47,8 @@ fn the_switching_kepco_answers_as_its_manual_has_it() {
         ("VOLT:MODE?", "EXT\n"),
         ("OUTP:MODE BATTERY", ""),
         ("OUTP:MODE?", "BATTERY\n"),
+        ("OUTP:CONT HIGH;:OUTP ON", ""),
+        ("SYST:ERR?", "-221,\"Settings conflict\"\n"),
         ("OUTP:CONT OFF;CONT?", "OFF\n"),
         ("OUTP?", "0\n"),
         ("OUTP ON", ""),
@@ -92,18 +95,19 @@ fn the_kepco_queues_errors_and_drops_half_answers() {
 
 #[test]
 fn the_kepco_moves_the_world() {
-    let mut bench = Bench::new("kepco-bop-mg");
-    let off = BipolarState { output_on: false, current_mode: false, analog_input: false, setpoint: 0.0, limit: 0.0, off_is_open: false };
-    assert_eq!(bench.last_action(), Action::Bipolar(off));
+    let off = BipolarState { off_is_open: true, ..BipolarState::default() };
+    assert_eq!(Bench::new("kepco-bop-mg").last_action(), Action::Bipolar(off));
+    let mut bench = Bench::with("kepco-bop-mg", &MockOptions { off_active: true, ..MockOptions::default() });
+    assert_eq!(bench.last_action(), Action::Bipolar(BipolarState::default()));
     bench.send(&["OUTP:MODE BATT", "FUNC:MODE CURR", "VOLT 4.3", "CURR 1.25", "OUTP 1"]);
-    let on = BipolarState { output_on: true, current_mode: true, setpoint: 1.25, limit: 4.3, off_is_open: true, ..off };
+    let on = BipolarState { output_on: true, current_mode: true, setpoint: 1.25, limit: 4.3, ..off };
     assert_eq!(bench.last_action(), Action::Bipolar(on));
     bench.send(&["CURR:MODE EXT"]);
     assert_eq!(bench.last_action(), Action::Bipolar(BipolarState { analog_input: true, ..on }));
     bench.send(&["VOLT:PROT 4.2"]);
     assert_eq!(bench.last_action(), Action::Bipolar(BipolarState { analog_input: true, limit: 4.2, ..on }));
     bench.send(&["*RST"]);
-    assert_eq!(bench.last_action(), Action::Bipolar(BipolarState { off_is_open: true, ..off }));
+    assert_eq!(bench.last_action(), Action::Bipolar(off));
 }
 
 #[test]
@@ -138,6 +142,7 @@ fn the_generator_speaks_in_keyword_lists() {
         ),
         ("C1:OUTP ON,LOAD,HZ,PLRT,INVT", ""),
         ("C1:OUTP?", "C1:OUTP ON,LOAD,HZ,PLRT,INVT\n"),
+        ("C1:OUTPut?", "C1:OUTP ON,LOAD,HZ,PLRT,INVT\n"), // long forms are understood, short ones answered
         ("C2:OUTP?", "C2:OUTP OFF,LOAD,HZ,PLRT,NOR\n"),
         ("C1:BSWV FRQ,0.1HZ,AMP,99,MAX_OUTPUT_AMP,4V", ""), // clamped without a word
         (

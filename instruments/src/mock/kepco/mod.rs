@@ -1,9 +1,10 @@
 //! Kepco BOP bipolar supplies: the switching BOP-MG, whose analog input is selected by command, and a linear BOP with a BIT card, whose analog
 //! input is a matter of wiring.
 //!
-//! One command tree; the linear unit knows a subset and answers the rest with −113. Not simulated: list and transient programs, the analog
-//! input as a multiplier (`GAIN`), the remote on/off pin, relays and faults. Assumed, for want of a source: the negative side of a `BOTH`
-//! limit reads back with its sign; a linear unit with its output off programs both channels to zero and so draws nothing from a cell.
+//! One command tree; the linear unit knows a subset and answers the rest with −113. Not simulated: list and transient programs, the analog input as
+//! a multiplier (`GAIN`), relays and faults. Assumed, for want of a source: the negative side of a `BOTH` limit reads back with its sign; a new limit
+//! takes the set-point along; the off-behaviour survives switching off and `*RST`, and was left at `BATTERY`; a linear unit with its output off
+//! programs both channels to zero and so draws nothing from a cell.
 
 mod tree;
 
@@ -89,7 +90,7 @@ impl Settings {
             protection_modes: ["FIXED"; 2],
             external: false,
             output_on: false,
-            off_mode: "ACTIVE",
+            off_mode: "BATTERY",
             pin_mode: "OFF",
         }
     }
@@ -102,7 +103,7 @@ impl Kepco {
             status: Status::new(QUEUE_DEPTH),
             family,
             serial_number: options.serial_number.clone(),
-            settings: Settings::power_on(rated(family)),
+            settings: Settings { off_mode: if options.off_active { "ACTIVE" } else { "BATTERY" }, ..Settings::power_on(rated(family)) },
         };
         kepco.act();
         kepco
@@ -151,6 +152,10 @@ impl Kepco {
         if side != Side::Positive {
             bounds.negative = value;
         }
+        // A set-point that a new limit forbids goes to the limit.
+        let Span { min, max, .. } = self.span(which.channel());
+        let level = &mut self.settings.level[which.channel() as usize];
+        *level = level.clamp(min, max);
         self.act();
         Ok(())
     }

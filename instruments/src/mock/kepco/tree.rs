@@ -90,7 +90,12 @@ fn set_mode(kepco: &mut Kepco, arguments: &mut Arguments) -> Fallible {
 }
 
 fn set_output(kepco: &mut Kepco, arguments: &mut Arguments) -> Fallible {
-    kepco.settings.output_on = arguments.switch()?;
+    let on = arguments.switch()?;
+    if matches!(kepco.settings.pin_mode, "HIGH" | "LOW") {
+        // The remote pin has the say.
+        return fail(ErrorCode::SettingsConflict);
+    }
+    kepco.settings.output_on = on;
     kepco.act();
     Ok(())
 }
