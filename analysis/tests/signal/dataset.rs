@@ -178,6 +178,17 @@ fn a_crash_at_any_byte_costs_no_finished_point() {
     }
 }
 
+#[test]
+fn a_torn_line_longer_than_the_next_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.csv");
+    let point = points(5, 1)[0];
+    fs::write(&path, format!("{HEADER}\n{}", "1.0,".repeat(2000))).unwrap();
+    append_spectrum_csv(&path, &point).unwrap();
+    assert_eq!(bits(&read_spectrum_csv(&path).unwrap()), bits(&[point]));
+    assert!(fs::read_to_string(&path).unwrap().lines().count() == 2);
+}
+
 fn text_of(path: &Path, content: &str) -> String {
     fs::write(path, content).unwrap();
     read_spectrum_csv(path).unwrap_err().to_string()

@@ -158,6 +158,32 @@ fn the_scatter_is_the_cramer_rao_bound() {
 }
 
 #[test]
+fn with_few_periods_the_stated_covariance_has_the_shape_of_the_scatter() {
+    // One and a half periods, offset and drift: the parts of the phasor are told unequally well and together.
+    let (interval_s, count, sigma_v, seeds) = (1e-3, 120, 0.05, 6000);
+    let freq_hz = 1.5 / (count as f64 * interval_s);
+    let wave = Wave { amplitude_v: 1.0, phase_rad: 0.4, offset_v: 0.2, drift_v_per_s: 0.5 };
+    let clean = wave.samples(freq_hz, interval_s, count);
+    let (mut sums, mut stated) = ([0.0; 3], [0.0; 3]);
+    for seed in 0..seeds {
+        let mut noise = Noise::new(seed);
+        let samples: Vec<f64> = clean.iter().map(|v| v + sigma_v * noise.gauss()).collect();
+        let fit = known(&samples, interval_s, freq_hz, &DRIFT).channels[0];
+        let error = fit.phasor - wave.phasor();
+        for (sum, product) in sums.iter_mut().zip([error.re * error.re, error.re * error.im, error.im * error.im]) {
+            *sum += product / seeds as f64;
+        }
+        for (sum, element) in stated.iter_mut().zip([fit.variance.re_re, fit.variance.re_im, fit.variance.im_im]) {
+            *sum += element / seeds as f64;
+        }
+    }
+    let [re, _, im] = stated;
+    assert!((re / im).max(im / re) > 1.5, "unequal: {stated:?}");
+    assert!((sums[0] / re - 1.0).abs() < 0.06 && (sums[2] / im - 1.0).abs() < 0.06, "{sums:?} {stated:?}");
+    assert!((sums[1] - stated[1]).abs() < 0.06 * (re * im).sqrt(), "{sums:?} {stated:?}");
+}
+
+#[test]
 fn a_free_frequency_costs_what_the_bound_says() {
     // Phase at the start with unknown frequency: var φ = 2(2N−1)/(N(N+1)) · σ²/A² · 2 ≈ 4 times that with a known one.
     let (seeds, count, sigma_v) = (2000, 200, 0.05);
