@@ -8,6 +8,7 @@
 
 mod capture;
 mod disk;
+mod frame;
 mod rows;
 
 use std::path::{Path, PathBuf};
@@ -96,6 +97,16 @@ pub enum DatasetError {
         /// What it should be.
         expected: String,
         /// What it is.
+        found: String,
+    },
+    /// The bytes are not those that were written.
+    #[error("{}: expected a file of this program with the checksum {expected}, met {found}; it is damaged or comes from elsewhere", path.display())]
+    Checksum {
+        /// The file.
+        path: PathBuf,
+        /// The checksum in the file.
+        expected: String,
+        /// That of its bytes.
         found: String,
     },
     /// The metadata of a file lacks something or does not parse.
@@ -202,7 +213,7 @@ pub fn write_spectrum_parquet(path: &Path, points: &[ImpedancePoint]) -> Result<
 /// Reads a spectrum from Parquet.
 ///
 /// # Errors
-/// [`DatasetError::Io`], [`DatasetError::Parquet`], [`DatasetError::Column`].
+/// [`DatasetError::Io`], [`DatasetError::Checksum`], [`DatasetError::Parquet`], [`DatasetError::Column`].
 pub fn read_spectrum_parquet(path: &Path) -> Result<Vec<ImpedancePoint>, DatasetError> {
     rows::read_parquet(path)
 }
@@ -242,7 +253,7 @@ pub fn write_series_parquet(path: &Path, series: &[SeriesRow]) -> Result<(), Dat
 /// Reads a time series from Parquet.
 ///
 /// # Errors
-/// [`DatasetError::Io`], [`DatasetError::Parquet`], [`DatasetError::Column`].
+/// [`DatasetError::Io`], [`DatasetError::Checksum`], [`DatasetError::Parquet`], [`DatasetError::Column`].
 pub fn read_series_parquet(path: &Path) -> Result<Vec<SeriesRow>, DatasetError> {
     rows::read_parquet(path)
 }

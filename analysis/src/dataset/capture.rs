@@ -3,12 +3,11 @@
 //! The columns are 32 bits wide, which is what Parquet stores 16-bit numbers as anyway. Numbers in the metadata are text in the shortest form that reads back to the same bits; JSON would not promise that.
 
 use std::collections::BTreeMap;
-use std::io::Cursor;
 use std::path::Path;
 
-use polars::prelude::{Column, DataFrame, DataType, KeyValueMetadata, ParquetReader, ParquetWriter, SerReader};
+use polars::prelude::{Column, DataFrame, DataType};
 
-use super::disk::{io_error, write_atomically};
+use super::frame::{parquet_error, read_frame, write_frame};
 use super::{ColumnSpec, DatasetError};
 use crate::sine::{Channel, CodeScale};
 
@@ -83,45 +82,12 @@ pub fn write_capture(path: &Path, capture: &Capture) -> Result<(), DatasetError>
 /// Reads a capture; it comes back to the last bit.
 ///
 /// # Errors
-/// [`DatasetError::Io`], [`DatasetError::Parquet`], [`DatasetError::Column`], [`DatasetError::Metadata`].
+/// [`DatasetError::Io`], [`DatasetError::Checksum`], [`DatasetError::Parquet`], [`DatasetError::Column`], [`DatasetError::Metadata`].
 pub fn read_capture(path: &Path) -> Result<Capture, DatasetError> {
     let (frame, metadata) = read_frame(path)?;
     let meta = Metadata { path, pairs: &metadata }.capture()?;
     let [a, b, c, d] = [0, 1, 2, 3].map(|index| codes(path, &frame, CAPTURE_COLUMNS[index].name));
     Ok(Capture { meta, codes: [a?, b?, c?, d?] })
-}
-
-/// Writes a frame with what its columns mean and more metadata.
-pub(super) fn write_frame(
-    path: &Path,
-    frame: &mut DataFrame,
-    columns: &[ColumnSpec],
-    more: Vec<(String, String)>,
-) -> Result<(), DatasetError> {
-    let about = |spec: &ColumnSpec| (format!("column.{}", spec.name), format!("{} [{}]", spec.doc, spec.unit));
-    let pairs = columns.iter().map(about).chain(more).collect();
-    let mut bytes = Vec::new();
-    ParquetWriter::new(&mut bytes)
-        .set_parallel(false)
-        .with_key_value_metadata(Some(KeyValueMetadata::from_static(pairs)))
-        .finish(frame)
-        .map_err(|source| parquet_error(path, "encode the table", source))?;
-    write_atomically(path, &bytes)
-}
-
-/// Reads a frame and the metadata of its file.
-pub(super) fn read_frame(path: &Path) -> Result<(DataFrame, BTreeMap<String, String>), DatasetError> {
-    let bytes = std::fs::read(path).map_err(|source| io_error(path, "read the file", source))?;
-    let mut reader = ParquetReader::new(Cursor::new(bytes));
-    let metadata = reader.get_metadata().map_err(|source| parquet_error(path, "read it as Parquet", source))?;
-    let pairs = metadata.key_value_metadata().iter().flatten();
-    let pairs = pairs.filter_map(|pair| pair.value.clone().map(|value| (pair.key.clone(), value))).collect();
-    let frame = reader.finish().map_err(|source| parquet_error(path, "decode the table", source))?;
-    Ok((frame, pairs))
-}
-
-fn parquet_error(path: &Path, action: &'static str, source: polars::prelude::PolarsError) -> DatasetError {
-    DatasetError::Parquet { path: path.to_path_buf(), action, source }
 }
 
 fn column_error(path: &Path, column: &str, expected: &str, found: String) -> DatasetError {

@@ -6,8 +6,8 @@ use std::path::Path;
 
 use polars::prelude::{Column, DataFrame, DataType};
 
-use super::capture::{read_frame, write_frame};
 use super::disk::{append_line, io_error, write_atomically};
+use super::frame::{parquet_error, read_frame, write_frame};
 use super::{ColumnSpec, DatasetError};
 
 /// A row of numbers.
@@ -55,11 +55,7 @@ pub(super) fn write_parquet<R: Row>(path: &Path, rows: &[R]) -> Result<(), Datas
         Column::new(spec.name.into(), cells)
     };
     let columns = R::COLUMNS.iter().enumerate().map(column).collect();
-    let mut frame = DataFrame::new(rows.len(), columns).map_err(|source| DatasetError::Parquet {
-        path: path.to_path_buf(),
-        action: "arrange the columns",
-        source,
-    })?;
+    let mut frame = DataFrame::new(rows.len(), columns).map_err(|source| parquet_error(path, "arrange the columns", source))?;
     write_frame(path, &mut frame, R::COLUMNS, Vec::new())
 }
 

@@ -18,7 +18,7 @@ pub(super) fn frequency(record: &Record<'_>, options: &FitOptions) -> Result<f64
     let samples = record.channels.first().map_or(0, Channel::len);
     let duration_s = samples as f64 * record.interval_s;
     let power = summed_power(record, samples)?;
-    let bin_hz = 1.0 / (record.interval_s * 2.0 * (power.len() as f64 - 1.0));
+    let bin_hz = 1.0 / (record.interval_s * samples.next_power_of_two() as f64);
     let lowest = ((MIN_PERIODS / duration_s / bin_hz).floor() as usize).max(1);
     let inner = power.iter().enumerate().take(power.len().saturating_sub(1)).skip(lowest);
     let (peak, height) = inner.max_by(|a, b| a.1.total_cmp(b.1)).ok_or(SineError::NoSignal)?;
@@ -49,26 +49,42 @@ fn interpolate(power: &[f64], peak: usize) -> f64 {
 }
 
 /// Power over frequency, each channel divided by its own total, from zero to half the sampling rate.
+///
+/// Two channels share a transform as real and imaginary part: the powers at a frequency and at its image then add up to twice those of both.
 fn summed_power(record: &Record<'_>, samples: usize) -> Result<Vec<f64>, SineError> {
-    let length = (2 * samples).next_power_of_two();
+    let length = samples.next_power_of_two();
     let transform = FftPlanner::new().plan_fft_forward(length);
     let mut scratch = vec![Complex64::default(); transform.get_inplace_scratch_len()];
     let mut power = vec![0.0; length / 2 + 1];
-    for (index, channel) in record.channels.iter().enumerate() {
-        let mut values = values(channel, index + 1)?;
-        detrend_and_window(&mut values);
-        let energy: f64 = values.iter().map(|v| v * v).sum();
-        if energy <= 0.0 {
-            continue;
+    for (pair, channels) in record.channels.chunks(2).enumerate() {
+        let mut buffer = vec![Complex64::default(); length];
+        for (index, channel) in channels.iter().enumerate() {
+            let values = normalised(values(channel, 2 * pair + index + 1)?);
+            for (cell, value) in buffer.iter_mut().zip(values) {
+                if index == 0 { cell.re = value } else { cell.im = value }
+            }
         }
-        let mut buffer: Vec<Complex64> = values.iter().map(|v| Complex64::new(*v, 0.0)).collect();
-        buffer.resize(length, Complex64::default());
         transform.process_with_scratch(&mut buffer, &mut scratch);
-        for (sum, bin) in power.iter_mut().zip(&buffer) {
-            *sum += bin.norm_sqr() / energy;
+        for (k, sum) in power.iter_mut().enumerate() {
+            let image = (length - k) % length;
+            *sum += 0.5 * (buffer[k].norm_sqr() + buffer[image].norm_sqr());
         }
     }
     Ok(power)
+}
+
+/// Windowed samples of unit energy; all zero if there is nothing but a straight line.
+fn normalised(mut values: Vec<f64>) -> Vec<f64> {
+    let level = values.iter().fold(0.0f64, |largest, v| largest.max(v.abs()));
+    detrend_and_window(&mut values);
+    let energy: f64 = values.iter().map(|v| v * v).sum();
+    // Below, what is left is the rounding of the straight line.
+    let least = values.len() as f64 * (1e-14 * level).powi(2);
+    let scale = if energy > least { energy.sqrt().recip() } else { 0.0 };
+    for value in &mut values {
+        *value *= scale;
+    }
+    values
 }
 
 /// Samples in their own unit; a clipped one is kept, for it is near the truth and this is only a guess.

@@ -9,7 +9,8 @@ use super::{Channel, FitOptions, Record, SineError};
 
 /// Samples per block of the table: small enough for the first-level cache, large enough to hide the work per block.
 pub(super) const BLOCK: usize = 512;
-const LANES: usize = 4;
+/// Sums kept side by side: the compiler puts them into vector registers, which the order of a single sum forbids.
+pub(super) const LANES: usize = 4;
 
 /// Phase and normalised time of the samples of a record, at one frequency.
 #[derive(Debug, Clone, Copy)]
@@ -162,6 +163,14 @@ pub(super) fn is_inside<S: Sample>(sample: S, bounds: Bounds<S>) -> bool {
     }
 }
 
+/// True if all samples are finite and within the bounds. Looks at all of them, which vector registers do faster than stopping at the first.
+pub(super) fn all_inside<S: Sample>(samples: &[S], bounds: Bounds<S>) -> bool {
+    match bounds {
+        Some((low, high)) => samples.iter().fold(true, |all, sample| all & (*sample > low) & (*sample < high)),
+        None => samples.iter().fold(true, |all, sample| all & sample.value().is_finite()),
+    }
+}
+
 /// Bounds of the samples to be fitted.
 pub(super) fn code_bounds(channel: &Channel<'_>) -> Bounds<i16> {
     match channel {
@@ -231,9 +240,8 @@ struct Part<'a, S> {
 impl Place<'_> {
     /// Adds a block; the error is the index and value of a sample that is not finite.
     fn add<S: Sample>(&self, moments: &mut Moments, gram: &Gram, part: &Part<'_, S>) -> Result<(), (usize, f64)> {
-        let inside = part.samples.iter().filter(|sample| is_inside(**sample, part.bounds)).count();
         match <&[S; BLOCK]>::try_from(part.samples) {
-            Ok(block) if inside == BLOCK => {
+            Ok(block) if all_inside(block, part.bounds) => {
                 self.add_block(moments, block, part);
                 moments.gram.add(gram);
                 moments.used += BLOCK;
@@ -275,8 +283,7 @@ impl Place<'_> {
     }
 }
 
-/// Dot products of a whole block with cos, sin, 1, t and, if free, t·cos, t·sin. Independent lanes let the compiler use vector registers, which
-/// the order of a single sum forbids.
+/// Dot products of a whole block with cos, sin, 1, t and, if free, t·cos, t·sin.
 fn dots<S: Sample, const FREE: bool>(table: &Table, block: &[S; BLOCK], pivot: f64) -> [f64; 6] {
     let [mut cos, mut sin, mut one, mut time, mut time_cos, mut time_sin] = [[0.0; LANES]; 6];
     for i in (0..BLOCK).step_by(LANES) {

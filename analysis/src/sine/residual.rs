@@ -3,7 +3,7 @@
 
 use num_complex::Complex64;
 
-use super::moments::{BLOCK, Bounds, Grid, Sample, Table, code_bounds, is_inside, volt_bounds};
+use super::moments::{BLOCK, Bounds, Grid, LANES, Sample, Table, all_inside, code_bounds, is_inside, volt_bounds};
 use super::{Channel, FitOptions};
 
 /// Sums over the residuals of one channel, in the unit of its samples.
@@ -62,33 +62,48 @@ fn of_samples<S: Sample>(samples: &[S], bounds: Bounds<S>, wave: &Wave, (grid, t
     let mut differences = [0.0; BLOCK];
     for (number, block) in samples.chunks(BLOCK).enumerate() {
         let start = number * BLOCK;
-        let turned = wave.phasor * grid.phase(start);
         let level = wave.pivot + wave.offset + wave.drift * grid.time(start);
-        for (k, (difference, sample)) in differences.iter_mut().zip(block).enumerate() {
-            let model = turned.re * table.cos[k] - turned.im * table.sin[k] + level + wave.drift * table.time[k];
-            *difference = sample.value() - model;
+        subtract(&mut differences, block, table, &Wave { phasor: wave.phasor * grid.phase(start), offset: level, ..*wave });
+        let inside = all_inside(block, bounds);
+        if !inside {
+            sums.clipped += block.iter().filter(|sample| !is_inside(**sample, bounds)).count();
         }
-        let differences = &differences[..block.len()];
-        let clipped = block.iter().filter(|sample| !is_inside(**sample, bounds)).count();
-        sums.clipped += clipped;
-        if clipped == 0 || !options.exclude_clipped {
-            add_whole(&mut sums, differences, &mut last);
-        } else {
-            let counting = differences.iter().zip(block).map(|(difference, sample)| is_inside(*sample, bounds).then_some(*difference));
-            add_some(&mut sums, counting, &mut last);
+        match <&[f64; BLOCK]>::try_from(&differences[..block.len()]) {
+            Ok(differences) if inside => add_whole(&mut sums, differences, &mut last),
+            _ => {
+                let counts = |sample: &S| !options.exclude_clipped || is_inside(*sample, bounds);
+                add_some(&mut sums, differences.iter().zip(block).map(|(r, sample)| counts(sample).then_some(*r)), &mut last);
+            }
         }
     }
     sums
 }
 
-fn add_whole(sums: &mut Residual, differences: &[f64], last: &mut Option<f64>) {
-    if let (Some(before), Some(first)) = (*last, differences.first()) {
-        sums.sum_lagged += before * first;
+/// Samples less the wave, whose phasor and offset are those at the start of the block.
+fn subtract<S: Sample>(differences: &mut [f64; BLOCK], block: &[S], table: &Table, wave: &Wave) {
+    let basis = table.cos.iter().zip(&table.sin).zip(&table.time);
+    for ((difference, sample), ((cos, sin), time)) in differences.iter_mut().zip(block).zip(basis) {
+        *difference = sample.value() - (wave.phasor.re * cos - wave.phasor.im * sin + wave.offset + wave.drift * time);
+    }
+}
+
+fn add_whole(sums: &mut Residual, differences: &[f64; BLOCK], last: &mut Option<f64>) {
+    if let Some(before) = *last {
+        sums.sum_lagged += before * differences[0];
         sums.pairs += 1;
     }
-    sums.sum_squares += differences.iter().map(|r| r * r).sum::<f64>();
-    sums.sum_lagged += differences.iter().zip(differences.iter().skip(1)).map(|(a, b)| a * b).sum::<f64>();
-    sums.pairs += differences.len().saturating_sub(1);
+    let (mut squares, mut lagged) = ([0.0; LANES], [0.0; LANES]);
+    for i in (0..BLOCK - LANES).step_by(LANES) {
+        for lane in 0..LANES {
+            let r = differences[i + lane];
+            squares[lane] += r * r;
+            lagged[lane] += r * differences[i + lane + 1];
+        }
+    }
+    let end = &differences[BLOCK - LANES..];
+    sums.sum_squares += squares.iter().sum::<f64>() + end.iter().map(|r| r * r).sum::<f64>();
+    sums.sum_lagged += lagged.iter().sum::<f64>() + end.iter().zip(&end[1..]).map(|(a, b)| a * b).sum::<f64>();
+    sums.pairs += BLOCK - 1;
     *last = differences.last().copied();
 }
 

@@ -145,11 +145,12 @@ fn appended_points_make_the_file_that_is_written_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let (grown, whole) = (folder.path().join("grown.csv"), folder.path().join("whole.csv"));
     // Long enough that the search for the last line end takes more than one step.
-    let all = points(3, 120);
+    let all = points(3, 45);
     for point in &all {
         append_spectrum_csv(&grown, point).unwrap();
     }
     write_spectrum_csv(&whole, &all).unwrap();
+    assert!(fs::metadata(&whole).unwrap().len() > 4096);
     assert_eq!(fs::read_to_string(&grown).unwrap(), fs::read_to_string(&whole).unwrap());
 }
 
@@ -160,7 +161,9 @@ fn a_crash_at_any_byte_costs_no_finished_point() {
     let all = points(5, 3);
     write_spectrum_csv(&whole, &all).unwrap();
     let bytes = fs::read(&whole).unwrap();
-    for cut in 0..=bytes.len() {
+    // Around every line end, and some in between: every append waits for the disk.
+    let near_end = |cut: usize| bytes[cut.saturating_sub(2)..(cut + 2).min(bytes.len())].contains(&b'\n');
+    for cut in (0..=bytes.len()).filter(|cut| cut % 29 == 0 || near_end(*cut)) {
         fs::write(&path, &bytes[..cut]).unwrap();
         let finished = bytes[..cut].iter().filter(|byte| **byte == b'\n').count();
         if finished > 0 {
@@ -173,6 +176,17 @@ fn a_crash_at_any_byte_costs_no_finished_point() {
         }
         assert!(fs::read(&path).unwrap() == bytes, "resumed after a cut at {cut}");
     }
+}
+
+#[test]
+fn a_torn_line_longer_than_the_next_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.csv");
+    let point = points(5, 1)[0];
+    fs::write(&path, format!("{HEADER}\n{}", "1.0,".repeat(2000))).unwrap();
+    append_spectrum_csv(&path, &point).unwrap();
+    assert_eq!(bits(&read_spectrum_csv(&path).unwrap()), bits(&[point]));
+    assert!(fs::read_to_string(&path).unwrap().lines().count() == 2);
 }
 
 fn text_of(path: &Path, content: &str) -> String {
@@ -218,11 +232,32 @@ fn what_is_wrong_in_a_parquet_is_named() {
     write_capture(&path, &capture(10)).unwrap();
     let text = read_spectrum_parquet(&path).unwrap_err().to_string();
     assert_eq!(text, format!("{shown}, column freq_hz: expected a column of 64-bit floats, met no such column"));
+}
+
+#[test]
+fn a_damaged_capture_is_refused_whatever_the_damage() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.parquet");
+    write_capture(&path, &capture(200)).unwrap();
     let good = fs::read(&path).unwrap();
-    fs::write(&path, &good[..good.len() / 2]).unwrap();
-    assert_eq!(read_capture(&path).unwrap_err().to_string(), format!("{shown}: could not read it as Parquet"));
-    fs::write(&path, b"").unwrap();
-    assert_eq!(read_capture(&path).unwrap_err().to_string(), format!("{shown}: could not read it as Parquet"));
+    let refused = |bytes: &[u8]| {
+        // A new file each time: some file systems wait for the disk when an old one is overwritten.
+        fs::remove_file(&path).unwrap();
+        fs::write(&path, bytes).unwrap();
+        read_capture(&path).unwrap_err().to_string()
+    };
+    for at in 0..good.len() {
+        let mut bad = good.clone();
+        bad[at] ^= 1 << (at % 8);
+        let text = refused(&bad);
+        assert!(text.starts_with(&format!("{}: expected a file of this program with the checksum ", path.display())), "byte {at}: {text}");
+    }
+    for length in [0, 4, good.len() / 2, good.len() - 1] {
+        assert!(refused(&good[..length]).ends_with("it is damaged or comes from elsewhere"), "cut at {length}");
+    }
+    let text = refused(b"PAR1, or so it says");
+    let expected = "expected a file of this program with the checksum in its metadata, met none; it is damaged or comes from elsewhere";
+    assert_eq!(text, format!("{}: {expected}", path.display()));
 }
 
 #[test]

@@ -5,6 +5,7 @@
 mod bench;
 mod calibration;
 mod dataset;
+mod end_to_end;
 mod noise;
 mod sine;
 mod sine_errors;

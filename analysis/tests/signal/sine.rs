@@ -158,6 +158,35 @@ fn the_scatter_is_the_cramer_rao_bound() {
 }
 
 #[test]
+fn where_samples_are_missing_the_stated_covariance_has_the_shape_of_the_scatter() {
+    // All crests gone: the parts of the phasor are told unequally well, and together.
+    let (interval_s, count, sigma_v, seeds) = (1e-3, 240, 0.05, 6000);
+    let freq_hz = 3.3 / (count as f64 * interval_s);
+    let wave = Wave { amplitude_v: 1.0, phase_rad: 0.4, offset_v: 0.2, drift_v_per_s: 0.5 };
+    let clean = wave.samples(freq_hz, interval_s, count);
+    let (mut sums, mut stated) = ([0.0; 3], [0.0; 3]);
+    for seed in 0..seeds {
+        let mut noise = Noise::new(seed);
+        // Chosen by the signal alone, so that the noise of those that stay is not cut.
+        let sample = |v: &f64| if *v > 0.4 { 9.0 } else { v + sigma_v * noise.gauss() };
+        let samples: Vec<f64> = clean.iter().map(sample).collect();
+        let channels = [Channel::Volts { samples: &samples, lsb_v: None, range_v: Some((-9.0, 9.0)) }];
+        let fit = fit_known_frequency(&Record { channels: &channels, interval_s }, freq_hz, &DRIFT).unwrap().channels[0];
+        let error = fit.phasor - wave.phasor();
+        for (sum, product) in sums.iter_mut().zip([error.re * error.re, error.re * error.im, error.im * error.im]) {
+            *sum += product / seeds as f64;
+        }
+        for (sum, element) in stated.iter_mut().zip([fit.variance.re_re, fit.variance.re_im, fit.variance.im_im]) {
+            *sum += element / seeds as f64;
+        }
+    }
+    let [re, both, im] = stated;
+    assert!(re / im > 2.0 && both / (re * im).sqrt() > 0.3, "unequal and together: {stated:?}");
+    assert!((sums[0] / re - 1.0).abs() < 0.06 && (sums[2] / im - 1.0).abs() < 0.06, "{sums:?} {stated:?}");
+    assert!((sums[1] - both).abs() < 0.06 * (re * im).sqrt(), "{sums:?} {stated:?}");
+}
+
+#[test]
 fn a_free_frequency_costs_what_the_bound_says() {
     // Phase at the start with unknown frequency: var φ = 2(2N−1)/(N(N+1)) · σ²/A² · 2 ≈ 4 times that with a known one.
     let (seeds, count, sigma_v) = (2000, 200, 0.05);
