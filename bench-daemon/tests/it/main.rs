@@ -1,4 +1,5 @@
 //! Integration tests of the daemon: one binary.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "helpers of tests may end a test")]
 
 mod architecture;
 mod configuration;
