@@ -21,14 +21,14 @@ pub struct FigureInput<'a> {
 /// # Errors
 /// [`PlotError`] when there is nothing to show or a file cannot be written.
 pub fn write_thesis_figures(input: &FigureInput<'_>, folder: &Path) -> Result<Vec<PathBuf>, PlotError> {
-    let mut figures = vec![("figure-3-08-sweeps".to_owned(), sweeps_figure(input.sweeps))];
+    let mut figures = vec![("nyquist-sweeps".to_owned(), sweeps_figure(input.sweeps))];
     if !input.controls.is_empty() {
-        figures.push(("figure-3-10-controls".to_owned(), controls_figure(input.controls)));
+        figures.push(("nyquist-controls".to_owned(), controls_figure(input.controls)));
     }
     for fit in input.fits {
         let rc = fit.erm.branches.len();
         if (1..=4).contains(&rc) {
-            figures.push((format!("figure-3-{}-fit-{rc}rc", 10 + rc), fit_figure(input.sweeps, fit)));
+            figures.push((format!("nyquist-fit-{rc}rc"), fit_figure(input.sweeps, fit)));
         }
     }
     let mut written = Vec::new();
