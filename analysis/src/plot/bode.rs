@@ -22,7 +22,7 @@ pub(super) fn layout(plot: &ImpedancePlot) -> Result<Scene, PlotError> {
     let phase = |z: Complex64| z.arg().to_degrees();
     let x = frequencies(plot);
     let upper = Frame { left: LEFT, top, width: inner, height, x: x.clone(), y: vertical(plot, magnitude) };
-    let lower = Frame { top: top + height + GAP, x, y: vertical(plot, phase), ..upper.clone() };
+    let lower = Frame { top: top + height + GAP, x, y: vertical(plot, phase), left: LEFT, width: inner, height };
     shapes.extend(upper.shapes("", &format!("|Z| / {}", unit.name)));
     shapes.extend(lower.shapes("Frequency / Hz", "Phase / °"));
     for series in &plot.series {

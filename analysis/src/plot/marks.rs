@@ -76,7 +76,7 @@ pub(super) fn ellipse(series: &Series, at: Place, c: &Covariance2, px_per_ohm: f
     let (major, minor) = ((middle + half).sqrt(), (middle - half).max(0.0).sqrt());
     let angle = 0.5 * (2.0 * c.re_im).atan2(c.re_re - c.im_im);
     let k = 2.0 * px_per_ohm;
-    if series.style != SeriesStyle::Points || !(major * k > 1.5) {
+    if series.style != SeriesStyle::Points || major.is_nan() || major * k <= 1.5 {
         return None;
     }
     let point = |i: u32| {
@@ -90,7 +90,7 @@ pub(super) fn ellipse(series: &Series, at: Place, c: &Covariance2, px_per_ohm: f
 
 /// A vertical bar with caps between two heights; nothing where it would be hidden by the marker.
 pub(super) fn bar(series: &Series, x: f64, (y0, y1): (f64, f64)) -> Vec<Shape> {
-    if series.style != SeriesStyle::Points || !((y1 - y0).abs() > 3.0) {
+    if series.style != SeriesStyle::Points || (y1 - y0).is_nan() || (y1 - y0).abs() <= 3.0 {
         return Vec::new();
     }
     let line = |points| Shape::Line { points, colour: palette(series.colour).faded(0.8), width: 1.2 };

@@ -5,6 +5,7 @@ use super::frame::{BOTTOM, Frame, LEFT, RIGHT, TEXT, heading, words};
 use super::marks::{INK, draw, ellipse};
 use super::scene::{HPos, Place, Scene, Shape, VPos, text_width};
 use super::{ImpedancePlot, PlotError, Series, SeriesStyle};
+use num_complex::Complex64;
 
 /// Unit of the impedance axes.
 #[derive(Debug, Clone, Copy)]
@@ -25,16 +26,20 @@ pub(super) fn layout(plot: &ImpedancePlot) -> Result<Scene, PlotError> {
     let (mut shapes, top) = heading(plot, width)?;
     let frame = frame(plot, unit, (width - LEFT - RIGHT, top));
     shapes.extend(frame.shapes(&format!("Re Z / {}", unit.name), &format!("−Im Z / {}", unit.name)));
-    let place = |z: num_complex::Complex64| frame.place(z.re * unit.per_ohm, -z.im * unit.per_ohm);
+    let place = |z: Complex64| frame.place(z.re * unit.per_ohm, -z.im * unit.per_ohm);
     let px_per_ohm = frame.width / (frame.x.hi - frame.x.lo) * unit.per_ohm;
+    let mut ellipses = Vec::new();
     for series in &plot.series {
         let places: Vec<Place> = series.points.iter().map(|p| place(p.z_ohm)).collect();
-        shapes.extend(series.points.iter().zip(&places).filter_map(|(p, at)| ellipse(series, *at, &p.covariance, px_per_ohm)));
+        ellipses.extend(series.points.iter().zip(&places).filter_map(|(p, at)| ellipse(series, *at, &p.covariance, px_per_ohm)));
         shapes.extend(draw(series, &places));
     }
     if plot.mark_decades {
-        shapes.extend(decades(plot, &frame, place)?);
+        let taken = ellipses.iter().flat_map(|e| if let Shape::Line { points, .. } = e { points.as_slice() } else { &[] });
+        let notes = decades(plot, &frame, (place, taken.copied().collect()))?;
+        shapes.extend(notes);
     }
+    shapes.extend(ellipses);
     Ok(Scene { title: plot.title.clone(), width, height: top + frame.height + BOTTOM, shapes })
 }
 
@@ -60,11 +65,15 @@ fn frame(plot: &ImpedancePlot, unit: Unit, (width, top): (f64, f64)) -> Frame {
 }
 
 /// The frequency written beside the point of each whole decade: of the last curve, or of the first points where there is no curve.
-fn decades(plot: &ImpedancePlot, frame: &Frame, place: impl Fn(num_complex::Complex64) -> Place) -> Result<Vec<Shape>, PlotError> {
+fn decades(
+    plot: &ImpedancePlot,
+    frame: &Frame,
+    (place, mut taken): (impl Fn(Complex64) -> Place, Vec<Place>),
+) -> Result<Vec<Shape>, PlotError> {
     let curve = plot.series.iter().rfind(|s| s.style == SeriesStyle::Curve && s.points.len() > 1);
     let Some(series) = curve.or_else(|| plot.series.iter().find(|s| s.points.len() > 2)) else { return Ok(Vec::new()) };
     let all = plot.series.iter().flat_map(|s| &s.points);
-    let mut taken: Vec<Place> = all.map(|p| place(p.z_ohm)).collect();
+    taken.extend(all.map(|p| place(p.z_ohm)));
     let mut shapes = Vec::new();
     for decade in -6..=7 {
         let Some(at) = nearest(series, 10f64.powi(decade)).map(|i| place(series.points[i].z_ohm)) else { continue };

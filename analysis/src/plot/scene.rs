@@ -43,7 +43,6 @@ pub(super) enum HPos {
 pub(super) enum VPos {
     Top,
     Center,
-    Bottom,
 }
 
 /// Words at a place.
@@ -162,12 +161,11 @@ fn draw_label<B: DrawingBackend>(backend: &mut B, label: &Label, pen: &Pen) -> R
     let font = FontDesc::new(FontFamily::SansSerif, label.size * pen.scale * pen.size_per_em, weight).transform(transform);
     let colour = rgba(label.colour);
     let style = TextStyle::from(font).color(&colour).pos(anchor(label.anchor));
-    let [top, centre, bottom] = pen.sink_em;
+    let [top, centre] = pen.sink_em;
     let sink = label.size
         * match label.anchor.1 {
             VPos::Top => top,
             VPos::Center => centre,
-            VPos::Bottom => bottom,
         };
     let at = if label.upright { (label.at.0 + sink, label.at.1) } else { (label.at.0, label.at.1 + sink) };
     drawn(backend.draw_text(&label.text, &style, pen.place(&at)))
@@ -182,7 +180,6 @@ fn anchor((h, v): (HPos, VPos)) -> text_anchor::Pos {
     let v = match v {
         VPos::Top => text_anchor::VPos::Top,
         VPos::Center => text_anchor::VPos::Center,
-        VPos::Bottom => text_anchor::VPos::Bottom,
     };
     text_anchor::Pos::new(h, v)
 }
@@ -197,16 +194,16 @@ struct Pen {
     scale: f64,
     /// The library's font size for one em.
     size_per_em: f64,
-    /// How much lower than the library would, in em, a text must stand so that its capitals lie at, about or above its place: for the three
+    /// How much lower than the library would, in em, a text must stand so that its capitals lie below or about its place: for the two
     /// vertical anchors.
-    sink_em: [f64; 3],
+    sink_em: [f64; 2],
 }
 
 impl Pen {
     /// The library divides sizes by 1.24 and shifts with `dy`; capitals of a sans-serif are 0.73 em high.
-    const SVG: Self = Self { scale: SVG_SCALE, size_per_em: 1.24, sink_em: [0.0, 0.09, 0.0] };
+    const SVG: Self = Self { scale: SVG_SCALE, size_per_em: 1.24, sink_em: [0.0, 0.09] };
     /// The library takes the size for ascent plus descent, 1.164 em in DejaVu, and sets the baseline half of it below the upper edge.
-    const PNG: Self = Self { scale: (PNG_SCALE * OVERSAMPLING) as f64, size_per_em: 1.164, sink_em: [0.18, 0.25, 0.08] };
+    const PNG: Self = Self { scale: (PNG_SCALE * OVERSAMPLING) as f64, size_per_em: 1.164, sink_em: [0.18, 0.25] };
 
     fn place(&self, p: &Place) -> (i32, i32) {
         ((p.0 * self.scale).round() as i32, (p.1 * self.scale).round() as i32)
