@@ -12,8 +12,8 @@ pub fn models_table(fits: &[ErmFit]) -> Table {
         vec![
             fit.erm.branches.len().to_string(),
             objective(fit),
-            number(1.0e3 * fit.erm.r_ohm, 1.0e3 * fit.sigma.r_ohm),
-            format!("{:.4}", 1.0e3 * fit.erm.dc_resistance_ohm()),
+            number(1.0e3 * fit.erm.r_ohm, fit.sigma.r_ohm.map(|sigma| 1.0e3 * sigma)),
+            number(1.0e3 * fit.erm.dc_resistance_ohm(), fit.sigma.dc_resistance_ohm.map(|sigma| 1.0e3 * sigma)),
             format!("{:.2}", 1.0e6 * fit.rms_ohm),
             fit.reduced_chi2.map_or_else(|| "–".to_owned(), |chi2| format!("{chi2:.2}")),
         ]
@@ -34,9 +34,9 @@ pub fn branches_table(fits: &[ErmFit]) -> Table {
             vec![
                 fit.erm.branches.len().to_string(),
                 (index + 1).to_string(),
-                number(1.0e3 * branch.r_ohm, 1.0e3 * sigma.map_or(f64::NAN, |sigma| sigma.r_ohm)),
-                number(branch.c_f, sigma.map_or(f64::NAN, |sigma| sigma.c_f)),
-                significant(branch.r_ohm * branch.c_f, 4),
+                number(1.0e3 * branch.r_ohm, sigma.and_then(|sigma| sigma.r_ohm).map(|sigma| 1.0e3 * sigma)),
+                number(branch.c_f, sigma.and_then(|sigma| sigma.c_f)),
+                number(branch.r_ohm * branch.c_f, sigma.and_then(|sigma| sigma.time_constant_s)),
             ]
         })
     });
@@ -61,8 +61,8 @@ pub fn objective(fit: &ErmFit) -> String {
 }
 
 /// A value and, where it is known, its standard deviation.
-fn number(value: f64, sigma: f64) -> String {
-    if sigma.is_finite() { format!("{} ± {}", significant(value, 5), significant(sigma, 2)) } else { significant(value, 5) }
+fn number(value: f64, sigma: Option<f64>) -> String {
+    sigma.map_or_else(|| significant(value, 5), |sigma| format!("{} ± {}", significant(value, 5), significant(sigma, 2)))
 }
 
 /// A number with so many significant digits, without exponent while it is readable so.
