@@ -3,7 +3,7 @@
 use super::{Dialect, Status};
 use crate::{
     exchange::{Exchange, Identity},
-    link::LinkProfile,
+    link::{Grammar, LinkProfile},
     scpi::decode::Terminator,
     supply4q::ms,
     units::Celsius,
