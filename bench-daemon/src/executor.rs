@@ -96,6 +96,8 @@ pub struct Executor<'a> {
     /// Level of the trigger; follows the signal.
     trigger_v: Volts,
     polls: u32,
+    /// The logger scans nothing before it was told what.
+    logger_ready: bool,
 }
 
 impl<'a> Executor<'a> {
@@ -117,6 +119,7 @@ impl<'a> Executor<'a> {
             applied: [None; 4],
             trigger_v: Volts(0.0),
             polls: 0,
+            logger_ready: false,
         }
     }
 
@@ -188,8 +191,9 @@ impl<'a> Executor<'a> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?;
         supply.prepare(limits).await.map_err(&error)?;
         if fixture == Fixture::Cell {
-            // A cell that is missing, reversed or ruined must not be driven: its terminals are read while the output is still off.
-            let reading = self.read_supply4q().await?;
+            // A cell that is missing, reversed, ruined or too hot must not be driven: it is read while the output is still off.
+            let mut reading = self.read_supply4q().await?;
+            reading.temperature_c = self.cell_temperature().await?;
             self.judge("idle", reading)?;
         }
         // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
@@ -246,18 +250,21 @@ impl<'a> Executor<'a> {
         Ok(Reading { time_s: self.clock.now_s(), voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
     }
 
-    /// The cell's temperature with every tenth reading; an open thermocouple is a missing reading and trips.
+    /// The cell's temperature with every tenth reading.
     async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
         self.polls = self.polls.wrapping_add(1);
-        if self.bench.logger.is_none() || !self.polls.is_multiple_of(TEMPERATURE_EVERY) {
-            return Ok(None);
-        }
-        self.cell_temperature().await
+        if self.polls.is_multiple_of(TEMPERATURE_EVERY) { self.cell_temperature().await } else { Ok(None) }
     }
 
+    /// The cell's temperature; nothing on a bench without a logger. An open thermocouple is a reading that is no number, and trips.
     async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
         let error = self.bench.error("logger");
-        let readings = require(&mut self.bench.logger, "logger")?.scan().await.map_err(error)?;
+        let Some(logger) = self.bench.logger.as_mut() else { return Ok(None) };
+        if !self.logger_ready {
+            logger.configure().await.map_err(&error)?;
+            self.logger_ready = true;
+        }
+        let readings = logger.scan().await.map_err(error)?;
         Ok(Some(readings.first().copied().flatten().map_or(f64::NAN, |celsius| celsius.value())))
     }
 

@@ -25,8 +25,6 @@ impl Executor<'_> {
         let Step::HoldTemperature { setpoint_c, within_k, max_s } = *step else { return Ok(()) };
         let error = self.bench.error("chiller");
         require(&mut self.bench.chiller, "chiller")?.start(Celsius(setpoint_c)).await.map_err(error)?;
-        let error = self.bench.error("logger");
-        require(&mut self.bench.logger, "logger")?.configure().await.map_err(error)?;
         let start_s = self.clock.now_s();
         let mut steady_since_s = None;
         loop {
@@ -136,10 +134,11 @@ impl Executor<'_> {
         }
     }
 
-    /// The cell's voltage before anything is switched on: a cell that is missing, reversed or ruined must not be driven.
+    /// The cell's voltage before anything is switched on: a cell that is missing, reversed, ruined or too hot must not be driven.
     async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
         let volts = self.load_volts().await?.0;
-        let reading = Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), ..Reading::default() };
+        let temperature_c = self.cell_temperature().await?;
+        let reading = Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), temperature_c, ..Reading::default() };
         self.judge(phase, reading)?;
         Ok(volts)
     }
