@@ -154,7 +154,7 @@ impl Run<'_> {
         let progress = Progress::new(self.plan.plan());
         let outcome = tokio::select! {
             outcome = drive((&mut bench, &mut self.recorder), self.experiment, self.plan, (&self.clock, &self.operator, &progress)) => outcome,
-            _ = tokio::signal::ctrl_c() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+            _ = stop_request() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
         };
         progress.finish();
         if matches!(outcome, Err(Failure::Interrupted(_))) {
@@ -174,7 +174,10 @@ impl Run<'_> {
             }
             Err(failure) => {
                 tracing::error!("{failure}");
-                self.manifest(&identities, &format!("ended early: {failure}"))?;
+                // The reason for the end outweighs a manifest that cannot be written.
+                if let Err(error) = self.manifest(&identities, &format!("ended early: {failure}")) {
+                    tracing::error!("{error}");
+                }
                 Err(failure)
             }
         }
@@ -226,7 +229,7 @@ async fn drive(
     plan: &Checked,
     (clock, operator, progress): (&Clock, &Operator, &Progress),
 ) -> Result<Measured, Failure> {
-    bench.safe_state().await.map_err(|mut failures| failures.pop().map_or(Failure::Interrupted(String::new()), Failure::from))?;
+    safe(bench.safe_state().await, Ok(()))?;
     let mut measured = Measured {
         controls: Vec::new(),
         sweeps: BTreeMap::new(),
@@ -315,6 +318,23 @@ fn safe<T>(safe: Result<(), Vec<BenchError>>, outcome: Result<T, Failure>) -> Re
             cause: outcome.err().map_or_else(String::new, |failure| format!(" (after: {failure})")),
         }),
     }
+}
+
+/// Ctrl-C, a polite kill, or the end of the terminal: each brings the bench into safe state.
+///
+/// # Errors
+/// A system without signals; the request is then taken as made, for a run that cannot be stopped must not go on.
+pub(crate) async fn stop_request() -> std::io::Result<()> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let mut terminate = signal(SignalKind::terminate())?;
+    let mut hangup = signal(SignalKind::hangup())?;
+    tokio::select! {
+        _ = interrupt.recv() => {}
+        _ = terminate.recv() => {}
+        _ = hangup.recv() => {}
+    }
+    Ok(())
 }
 
 fn folder_of(path: &Path) -> String {
