@@ -14,6 +14,7 @@ pub mod interlock;
 pub mod logging;
 pub mod operator;
 pub mod plan;
+pub mod present;
 pub mod procedure;
 pub mod progress;
 pub mod record;

@@ -66,7 +66,7 @@ fn write_bench(path: &Path, source: &Source, served: &[Served], mode: TimeMode) 
             (None, "simulation", "time") => {}
             (None, "simulation", "scenario") => {
                 let value = trimmed.split_once('=').map_or("", |(_, value)| value).trim().trim_matches('"');
-                text.push_str(&format!("scenario = {:?}\ntime = {:?}\n", scenario_folder.join(value), mode.to_string()));
+                text.push_str(&format!("scenario = {:?}\ntime = {:?}\n", scenario_folder.join(value).canonicalize()?, mode.to_string()));
             }
             _ => {
                 text.push_str(line);

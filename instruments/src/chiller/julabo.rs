@@ -3,7 +3,7 @@
 use super::{Dialect, Status};
 use crate::{
     exchange::{Exchange, Identity},
-    link::LinkProfile,
+    link::{Grammar, LinkProfile},
     scpi::decode::Terminator,
     supply4q::ms,
     units::Celsius,
@@ -22,6 +22,7 @@ impl Dialect for Julabo {
     fn profile(&self) -> LinkProfile {
         // The manual asks for 250 ms after a command and 10 ms after a query.
         LinkProfile {
+            grammar: Grammar::Plain,
             terminator: Terminator::Cr,
             min_gap: ms(10),
             write_gap: ms(250),
