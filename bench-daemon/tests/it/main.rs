@@ -5,4 +5,7 @@ mod architecture;
 mod configuration;
 mod demo;
 mod fit;
+mod kill;
 mod mock_process;
+mod support;
+mod verdicts;
