@@ -242,9 +242,6 @@ async fn drive(
             executor.stage(stage, &mut |_, _| Ok(())).await?;
             continue;
         };
-        if fixture == Fixture::Cell {
-            correct(executor.recorder, experiment, &mut measured)?;
-        }
         let name = crate::plan::fixture_name(fixture);
         let correction = measured.correction.clone();
         let spectrum = &mut measured.spectrum.points;
@@ -266,6 +263,11 @@ async fn drive(
         let points = executor.stage(stage, &mut on_point).await?;
         judge(executor.recorder, experiment, (fixture, &points), &mut measured)?;
         measured.sweeps.insert(name, points);
+        // Before anything is done with the cell, its state of charge included.
+        let controls = experiment.fixture_check.as_ref().map_or(0, |check| check.controls.len());
+        if fixture != Fixture::Cell && measured.controls.len() == controls {
+            correct(executor.recorder, experiment, &mut measured)?;
+        }
     }
     dataset::write_spectrum_parquet(&executor.recorder.path("spectrum.parquet"), &measured.spectrum.points)
         .map_err(crate::record::RecordError::from)?;
