@@ -166,8 +166,10 @@ impl Run<'_> {
                 self.recorder.warning(&format!("the transcript of {role} is incomplete: {error}"));
             }
         }
+        let readings = self.recorder.finish_readings();
         match outcome {
             Ok(measured) => {
+                readings?;
                 let summary = results::write(&mut self.recorder, self.experiment, &measured)?;
                 self.manifest(&identities, "finished")?;
                 Ok(Finished { measured, summary, simulation })
