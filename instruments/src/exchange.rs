@@ -2,7 +2,13 @@
 //!
 //! A dialect is sync and sends nothing itself, so that the very texts that go to an instrument can be printed, tested and read beforehand.
 
-use crate::link::{Link, LinkError};
+use crate::{
+    link::{Link, LinkError},
+    scpi::{
+        message::{Command, parse_response},
+        number::{parse_bool, parse_quantity},
+    },
+};
 
 /// One message with its proof.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +24,13 @@ pub enum Exchange {
         /// What the answer must be.
         expect: Expect,
     },
+    /// Not sent: what was wanted cannot be written as a message, such as a number that is none. Playing it is an error.
+    Refuse {
+        /// The header of what was wanted.
+        message: String,
+        /// Why it is not sent.
+        reason: String,
+    },
 }
 
 /// What a read-back must show.
@@ -30,6 +43,15 @@ pub enum Expect {
         /// Greatest allowed difference; covers the rounding of the instrument's display.
         tolerance: f64,
     },
+    /// One number or several, each of this magnitude: limits of both signs.
+    Magnitude {
+        /// Expected magnitude.
+        value: f64,
+        /// Greatest allowed difference.
+        tolerance: f64,
+    },
+    /// A switch in this position, answered as `1`/`0` or `ON`/`OFF`.
+    Switch(bool),
     /// One of these words, whatever the case.
     Word(&'static [&'static str]),
     /// A field of a Siglent `KEY,value,KEY,value` answer with a number within `tolerance` of `value`.
@@ -51,6 +73,30 @@ impl Exchange {
         Self::Send(message.into())
     }
 
+    /// A command as it is built, trusted to the error queue.
+    pub fn command(header: &str, arguments: impl FnOnce(Command) -> Command) -> Self {
+        match arguments(Command::new(header)).build() {
+            Ok(message) => Self::Send(message),
+            Err(error) => Self::Refuse { message: header.to_owned(), reason: error.to_string() },
+        }
+    }
+
+    /// `HEADER value` with so many decimals and never an exponent; `HEADER?` must then show the value.
+    pub fn fixed(header: &str, value: f64, (decimals, tolerance): (usize, f64)) -> Self {
+        match Self::command(header, |command| command.fixed(value, decimals)) {
+            Self::Send(message) => Self::number(message, format!("{header}?"), value, tolerance),
+            refused => refused,
+        }
+    }
+
+    /// `HEADER ON` or `HEADER OFF`; `HEADER?` must then show it.
+    pub fn switch(header: &str, on: bool) -> Self {
+        match Self::command(header, |command| command.on_off(on)) {
+            Self::Send(message) => Self::Set { message, read_back: format!("{header}?"), expect: Expect::Switch(on) },
+            refused => refused,
+        }
+    }
+
     /// A command whose effect is read back as a number.
     pub fn number(message: impl Into<String>, read_back: impl Into<String>, value: f64, tolerance: f64) -> Self {
         Self::Set { message: message.into(), read_back: read_back.into(), expect: Expect::Number { value, tolerance } }
@@ -63,6 +109,15 @@ impl Exchange {
 }
 
 impl Expect {
+    /// A number that was to be set and is none: no instrument may see it.
+    fn not_finite(&self) -> Option<f64> {
+        match self {
+            Self::Number { value, .. } | Self::Magnitude { value, .. } => Some(*value).filter(|value| !value.is_finite()),
+            Self::Fields(fields) => fields.iter().map(|(_, value, _)| *value).find(|value| !value.is_finite()),
+            _ => None,
+        }
+    }
+
     /// Judges an answer.
     ///
     /// # Errors
@@ -70,23 +125,34 @@ impl Expect {
     pub fn judge(&self, answer: &str) -> Result<(), String> {
         match self {
             Self::Number { value, tolerance } => judge_number(answer, *value, *tolerance, "a number"),
+            Self::Magnitude { value, tolerance } => {
+                let fields = parse_response(answer);
+                fields.iter().try_for_each(|field| match leading_number(&field.text) {
+                    Some(number) if (number.abs() - value).abs() <= *tolerance => Ok(()),
+                    _ => Err(format!("numbers within {tolerance:e} of ±{value}")),
+                })
+            }
+            Self::Switch(on) => match parse_bool(answer) {
+                Ok(met) if met == *on => Ok(()),
+                _ => Err((if *on { "1 or ON" } else { "0 or OFF" }).to_owned()),
+            },
             Self::Word(words) => words
                 .iter()
                 .any(|word| answer.trim().eq_ignore_ascii_case(word))
                 .then_some(())
-                .ok_or_else(|| format!("expected one of {}", words.join(", "))),
+                .ok_or_else(|| format!("one of {}", words.join(", "))),
             Self::Fields(fields) => fields.iter().try_for_each(|(key, value, tolerance)| {
-                let text = field(answer, key).ok_or_else(|| format!("expected a field {key}"))?;
+                let text = field(answer, key).ok_or_else(|| format!("a field {key}"))?;
                 judge_number(text, *value, *tolerance, key)
             }),
             Self::Contains(text) => answer
                 .to_ascii_uppercase()
                 .contains(&text.to_ascii_uppercase())
                 .then_some(())
-                .ok_or_else(|| format!("expected `{text}` in the answer")),
+                .ok_or_else(|| format!("`{text}` in the answer")),
             Self::Bits { mask, bits } => {
-                let word = hex_word(answer).ok_or("expected a hexadecimal status word")?;
-                (word & mask == *bits).then_some(()).ok_or_else(|| format!("expected status bits {bits:#06x} under mask {mask:#06x}"))
+                let word = hex_word(answer).ok_or("a hexadecimal status word")?;
+                (word & mask == *bits).then_some(()).ok_or_else(|| format!("status bits {bits:#06x} under mask {mask:#06x}"))
             }
         }
     }
@@ -100,7 +166,16 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
     for exchange in script {
         match exchange {
             Exchange::Send(message) => link.send(message).await?,
-            Exchange::Set { message, read_back, expect } => link.set(message, read_back, |answer| expect.judge(answer)).await?,
+            Exchange::Set { message, read_back, expect } => {
+                if let Some(value) = expect.not_finite() {
+                    let reason = format!("expected a finite number, found {value}");
+                    return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason });
+                }
+                link.set(message, read_back, |answer| expect.judge(answer)).await?;
+            }
+            Exchange::Refuse { message, reason } => {
+                return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason: reason.clone() });
+            }
         }
     }
     Ok(())
@@ -121,21 +196,7 @@ pub async fn play_all(link: &mut Link, script: &[Exchange]) -> Result<(), LinkEr
 
 /// The number at the start of an answer, whatever unit follows it.
 pub fn leading_number(answer: &str) -> Option<f64> {
-    let text = answer.trim();
-    let mut end = 0;
-    let bytes = text.as_bytes();
-    while end < bytes.len() {
-        let digit = bytes[end].is_ascii_digit() || bytes[end] == b'.';
-        let sign = matches!(bytes[end], b'+' | b'-') && (end == 0 || matches!(bytes[end - 1], b'e' | b'E'));
-        let exponent = matches!(bytes[end], b'e' | b'E')
-            && bytes.get(end + 1).is_some_and(|next| next.is_ascii_digit() || matches!(next, b'+' | b'-'))
-            && bytes[..end].iter().any(u8::is_ascii_digit);
-        if !(digit || sign || exponent) {
-            break;
-        }
-        end += 1;
-    }
-    text.get(..end)?.parse().ok()
+    parse_quantity(answer).ok().map(|quantity| quantity.value)
 }
 
 /// The value behind `key` in a `KEY,value,KEY,value` list; a header such as `C1:BSWV ` before the list is skipped.
@@ -160,7 +221,7 @@ pub fn hex_word(answer: &str) -> Option<u32> {
 fn judge_number(answer: &str, value: f64, tolerance: f64, what: &str) -> Result<(), String> {
     match leading_number(answer) {
         Some(number) if (number - value).abs() <= tolerance => Ok(()),
-        _ => Err(format!("expected {what} within {tolerance:e} of {value}")),
+        _ => Err(format!("{what} within {tolerance:e} of {value}")),
     }
 }
 
@@ -183,9 +244,9 @@ impl Identity {
     /// Splits an `*IDN?` answer at its commas; answers without commas (old Kepco cards, Julabo) give maker and model by their first blank.
     pub fn parse(raw: &str) -> Self {
         let raw = raw.trim().to_owned();
-        let fields: Vec<&str> = raw.split(',').map(str::trim).collect();
+        let fields: Vec<String> = parse_response(&raw).into_iter().map(|field| field.text.trim().to_owned()).collect();
         let (maker, model, serial, firmware) = match fields.as_slice() {
-            [maker, model, serial, rest @ ..] => ((*maker).to_owned(), (*model).to_owned(), (*serial).to_owned(), rest.join(",")),
+            [maker, model, serial, rest @ ..] => (maker.clone(), model.clone(), serial.clone(), rest.join(",")),
             _ => {
                 let (maker, model) = raw.split_once(' ').unwrap_or((raw.as_str(), ""));
                 (maker.to_owned(), model.to_owned(), String::new(), String::new())
@@ -208,7 +269,6 @@ mod tests {
             ("+1.000000000000000E+03", Some(1000.0)),
             ("0.5V", Some(0.5)),
             (" 3.25 ", Some(3.25)),
-            ("1E", Some(1.0)),
             ("", None),
             ("ON", None),
         ] {
@@ -222,10 +282,27 @@ mod tests {
         assert_eq!(Expect::Fields(vec![("FRQ", 1000.0, 1e-3), ("OFST", -0.28, 1e-3)]).judge(answer), Ok(()));
         let refused = Expect::Fields(vec![("AMP", 2.0, 0.01)]).judge(answer).unwrap_err();
         assert!(refused.contains("AMP") && refused.contains("of 2"), "{refused}");
-        assert!(Expect::Word(&["1", "ON"]).judge("on").is_ok());
-        assert!(Expect::Word(&["1", "ON"]).judge("OFF").unwrap_err().contains("1, ON"));
+        assert!(Expect::Word(&["FIX", "FIXED"]).judge("fixed").is_ok());
+        assert!(Expect::Word(&["FIX", "FIXED"]).judge("EXT").unwrap_err().contains("FIX, FIXED"));
+        assert!(Expect::Switch(true).judge("1").is_ok() && Expect::Switch(false).judge("off").is_ok());
+        assert_eq!(Expect::Switch(false).judge("ON").unwrap_err(), "0 or OFF");
         assert!(Expect::Bits { mask: 0x10, bits: 0x10 }.judge("0x0224").is_err());
         assert!(Expect::Bits { mask: 0x20, bits: 0x20 }.judge("0x0224").is_ok());
+    }
+
+    #[test]
+    fn a_number_that_is_none_is_refused_before_it_is_sent() {
+        assert_eq!(
+            Exchange::fixed("CURR", 1.5, (4, 1e-3)),
+            Exchange::Set {
+                message: "CURR 1.5000".to_owned(),
+                read_back: "CURR?".to_owned(),
+                expect: Expect::Number { value: 1.5, tolerance: 1e-3 }
+            }
+        );
+        let refused = Exchange::fixed("CURR", f64::NAN, (4, 1e-3));
+        assert!(matches!(&refused, Exchange::Refuse { message, .. } if message == "CURR"), "{refused:?}");
+        assert_eq!(Expect::Fields(vec![("FRQ", 1.0, 0.1), ("AMP", f64::INFINITY, 0.1)]).not_finite(), Some(f64::INFINITY));
     }
 
     #[test]

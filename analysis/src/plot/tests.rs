@@ -147,8 +147,8 @@ fn the_thesis_figures_are_twelve_files() {
     let fits: Vec<_> = (0..=4).map(|rc| fit_erm(&sweeps, &FitOptions { rc, ..FitOptions::default() }).unwrap()).collect();
     let written = write_thesis_figures(&FigureInput { sweeps: &sweeps, controls: &controls, fits: &fits }, dir.path()).unwrap();
     let names: Vec<_> = written.iter().map(|p| p.file_name().unwrap().to_string_lossy().into_owned()).collect();
-    let stems = ["08-sweeps", "10-controls", "11-fit-1rc", "12-fit-2rc", "13-fit-3rc", "14-fit-4rc"];
-    let expected: Vec<String> = stems.iter().flat_map(|s| ["svg", "png"].map(|e| format!("figure-3-{s}.{e}"))).collect();
+    let stems = ["sweeps", "controls", "fit-1rc", "fit-2rc", "fit-3rc", "fit-4rc"];
+    let expected: Vec<String> = stems.iter().flat_map(|s| ["svg", "png"].map(|e| format!("nyquist-{s}.{e}"))).collect();
     assert_eq!(names, expected);
     let first = std::fs::read_to_string(&written[0]).unwrap();
     assert!(first.contains("Measured impedance, 3 sweeps of 2 cells") && first.contains("cell 1"));

@@ -42,10 +42,10 @@ impl Dialect for Sdl {
         vec![
             Exchange::word(":FUNC CURRent", ":FUNC?", &["CURRENT"]),
             Exchange::number(format!(":CURR:IRANG {range}"), ":CURR:IRANG?", range_value, 0.1),
-            Exchange::number(format!(":CURR:LEV:IMM {current:.4}"), ":CURR:LEV:IMM?", current, 2.0e-3),
+            Exchange::fixed(":CURR:LEV:IMM", current, (4, 2.0e-3)),
             // With the latch off the input opens by itself when the cell falls below this voltage: a second guard beside the daemon.
-            Exchange::word(":VOLT:LATC OFF", ":VOLT:LATC?", &["0", "OFF"]),
-            Exchange::number(format!(":VOLT:LEV:ON {stop:.3}"), ":VOLT:LEV:ON?", stop, 5.0e-3),
+            Exchange::switch(":VOLT:LATC", false),
+            Exchange::fixed(":VOLT:LEV:ON", stop, (3, 5.0e-3)),
         ]
     }
 

@@ -27,11 +27,11 @@ impl Dialect for Keysight34970a {
     }
 
     fn configure(&self, channels: &[u16]) -> Vec<Exchange> {
-        let list = channels.iter().map(u16::to_string).collect::<Vec<_>>().join(",");
+        let list: Vec<u32> = channels.iter().copied().map(u32::from).collect();
         vec![
-            Exchange::send(format!("CONF:TEMP TC,K,(@{list})")),
-            Exchange::send(format!("UNIT:TEMP C,(@{list})")),
-            Exchange::send(format!("ROUT:SCAN (@{list})")),
+            Exchange::command("CONF:TEMP", |command| command.word("TC").word("K").channels(&list)),
+            Exchange::command("UNIT:TEMP", |command| command.word("C").channels(&list)),
+            Exchange::command("ROUT:SCAN", |command| command.channels(&list)),
             Exchange::send("TRIG:SOUR IMM"),
             Exchange::send("TRIG:COUN 1"),
             // Without these four the answer holds readings only.

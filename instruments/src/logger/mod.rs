@@ -5,6 +5,7 @@ mod keysight_34970a;
 use crate::{
     exchange::{Exchange, Identity, play},
     link::{Link, LinkError, LinkProfile},
+    scpi::message::{Field, parse_response},
     units::Celsius,
 };
 
@@ -24,9 +25,6 @@ pub trait Dialect: Send + Sync {
 
 /// Every known model.
 pub const DIALECTS: &[&dyn Dialect] = &[&keysight_34970a::LOGGER_34970A];
-
-/// Answers of this size mean an open thermocouple or an overload.
-const OVERLOAD: f64 = 9.0e37;
 
 /// A logger on its link.
 pub struct Logger {
@@ -63,10 +61,11 @@ impl Logger {
     /// The link's; an answer with another number of readings than channels.
     pub async fn scan(&mut self) -> Result<Vec<Option<Celsius>>, LinkError> {
         let answer = self.link.query(self.dialect.scan()).await?;
-        let readings: Option<Vec<f64>> = answer.split(',').map(|text| text.trim().parse::<f64>().ok()).collect();
+        let readings: Result<Vec<f64>, _> = parse_response(&answer).iter().map(Field::as_f64).collect();
         match readings {
-            Some(readings) if readings.len() == self.channels.len() => {
-                Ok(readings.into_iter().map(|reading| (reading.abs() < OVERLOAD).then_some(Celsius(reading))).collect())
+            // An open thermocouple is answered as 9.9E37, which the codec reads as infinite.
+            Ok(readings) if readings.len() == self.channels.len() => {
+                Ok(readings.into_iter().map(|reading| reading.is_finite().then_some(Celsius(reading))).collect())
             }
             _ => {
                 let expected = format!("{} readings", self.channels.len());

@@ -47,8 +47,8 @@ impl Dialect for Spd {
         let (voltage, current) = (charge.voltage.value(), charge.current.value());
         vec![
             Exchange::send("OUTP:TRACK 0"),
-            Exchange::number(format!("CH1:VOLT {voltage:.3}"), "CH1:VOLT?", voltage, 2.0e-3),
-            Exchange::number(format!("CH1:CURR {current:.3}"), "CH1:CURR?", current, 2.0e-3),
+            Exchange::fixed("CH1:VOLT", voltage, (3, 2.0e-3)),
+            Exchange::fixed("CH1:CURR", current, (3, 2.0e-3)),
         ]
     }
 

@@ -5,7 +5,7 @@
 
 use super::{AnalogSelect, Capabilities, Dialect, Limits, ms};
 use crate::{
-    exchange::{Exchange, Identity},
+    exchange::{Exchange, Expect, Identity},
     link::LinkProfile,
     units::{Amps, Volts},
 };
@@ -15,8 +15,8 @@ pub(super) const BOP_MG: Kepco = Kepco { key: "kepco-bop-mg", analog_select: Ana
 /// Kepco BOP 20-20M/D/ML, linear, with a BIT card.
 pub(super) const BOP_LINEAR: Kepco = Kepco { key: "kepco-bop-linear", analog_select: AnalogSelect::Wiring };
 
-/// Tolerance of read-backs: the display of a 20 A instrument rounds to a milliampere.
-const TOLERANCE: f64 = 5.0e-3;
+/// Decimals of what is sent, and tolerance of what is read back: the display of a 20 A instrument rounds to a milliampere.
+const READ_BACK: (usize, f64) = (4, 5.0e-3);
 
 pub(super) struct Kepco {
     key: &'static str,
@@ -49,9 +49,9 @@ impl Dialect for Kepco {
 
     fn output(&self, on: bool) -> Vec<Exchange> {
         if on {
-            return vec![Exchange::word("OUTP ON", "OUTP?", &["1", "ON"])];
+            return vec![Exchange::switch("OUTP", true)];
         }
-        let off = Exchange::word("OUTP OFF", "OUTP?", &["0", "OFF"]);
+        let off = Exchange::switch("OUTP", false);
         match self.analog_select {
             // The factory setting ACTIVE holds zero volts when off, which shorts a cell; BATTERY opens the output.
             AnalogSelect::Command => vec![Exchange::word("OUTP:MODE BATTERY", "OUTP:MODE?", &["BATTERY", "BATT"]), off],
@@ -66,12 +66,10 @@ impl Dialect for Kepco {
             script.push(Exchange::word("CURR:MODE FIX", "CURR:MODE?", &["FIX", "FIXED"]));
         }
         script.push(Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"]));
-        script.push(Exchange::number("CURR 0.0000", "CURR?", 0.0, TOLERANCE));
-        let compliance = limits.compliance.value();
-        script.push(Exchange::number(format!("VOLT {compliance:.4}"), "VOLT?", compliance, TOLERANCE));
+        script.push(Exchange::fixed("CURR", 0.0, READ_BACK));
+        script.push(Exchange::fixed("VOLT", limits.compliance.value(), READ_BACK));
         if self.analog_select == AnalogSelect::Command {
-            let current = limits.current.value();
-            script.push(Exchange::number(format!("CURR:PROT {current:.4}"), "CURR:PROT?", current, TOLERANCE));
+            script.push(both_signs("CURR:PROT", limits.current.value()));
         }
         script
     }
@@ -89,6 +87,17 @@ impl Dialect for Kepco {
     }
 }
 
+/// A limit of both signs: it is answered as `pos, neg`.
+fn both_signs(header: &str, value: f64) -> Exchange {
+    let (decimals, tolerance) = READ_BACK;
+    match Exchange::command(header, |command| command.fixed(value, decimals)) {
+        Exchange::Send(message) => {
+            Exchange::Set { message, read_back: format!("{header}?"), expect: Expect::Magnitude { value, tolerance } }
+        }
+        refused => refused,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -97,7 +106,7 @@ mod tests {
         script
             .iter()
             .map(|exchange| match exchange {
-                Exchange::Send(message) | Exchange::Set { message, .. } => message.as_str(),
+                Exchange::Send(message) | Exchange::Set { message, .. } | Exchange::Refuse { message, .. } => message.as_str(),
             })
             .collect()
     }
