@@ -233,15 +233,13 @@ async fn drive(
         correction: Correction::none(experiment.bench.wiring.shunt),
         spectrum: Spectrum { name: experiment.name.clone(), points: Vec::new() },
     };
+    let last_control = experiment.fixture_check.as_ref().and_then(|check| check.controls.last()).map(|(fixture, _)| *fixture);
     let mut executor = Executor::new((bench, recorder), experiment, clock.clone(), (operator, progress));
     for stage in &plan.plan().stages {
         let Purpose::Sweep(fixture) = stage.purpose else {
             executor.stage(stage, &mut |_, _| Ok(())).await?;
             continue;
         };
-        if fixture == Fixture::Cell {
-            correct(executor.recorder, experiment, &mut measured)?;
-        }
         let name = crate::plan::fixture_name(fixture);
         let correction = measured.correction.clone();
         let spectrum = &mut measured.spectrum.points;
@@ -263,6 +261,10 @@ async fn drive(
         let points = executor.stage(stage, &mut on_point).await?;
         judge(executor.recorder, experiment, (fixture, &points), &mut measured)?;
         measured.sweeps.insert(name, points);
+        if last_control == Some(fixture) {
+            // Not as late as the sweep that needs it: a bench that stays wrong must not touch the cell, not even to charge it.
+            correct(executor.recorder, experiment, &mut measured)?;
+        }
     }
     dataset::write_spectrum_parquet(&executor.recorder.path("spectrum.parquet"), &measured.spectrum.points)
         .map_err(crate::record::RecordError::from)?;
