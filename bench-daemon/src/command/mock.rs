@@ -6,7 +6,7 @@ use instruments::clock::{Clock, TimeMode};
 
 use crate::{
     cli::MockArgs,
-    command::Failure,
+    command::{Failure, run::stop_request},
     config::{Source, load_bench},
     sim::{Served, SimError, Simulation},
 };
@@ -44,7 +44,7 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
                 println!("  {:<10} {:<20} {}", mock.role, mock.model, mock.address);
             }
         }
-        tokio::signal::ctrl_c().await?;
+        stop_request().await?;
         Ok(())
     })
 }

@@ -35,8 +35,8 @@ pub enum Failure {
     /// The fixture check.
     #[error("fixture check failed: {0}")]
     FixtureCheck(String),
-    /// Ctrl-C.
-    #[error("stopped by Ctrl-C; finished points are in {0}")]
+    /// Ctrl-C, or another request to stop.
+    #[error("stopped on request; the bench is in safe state, finished points are in {0}")]
     Interrupted(String),
     /// The outputs may be on.
     #[error("SAFE STATE COULD NOT BE VERIFIED, LOOK AT THE BENCH: {failures}{cause}")]

@@ -154,7 +154,7 @@ impl Run<'_> {
         let progress = Progress::new(self.plan.plan());
         let outcome = tokio::select! {
             outcome = drive((&mut bench, &mut self.recorder), self.experiment, self.plan, (&self.clock, &self.operator, &progress)) => outcome,
-            _ = tokio::signal::ctrl_c() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+            _ = stop_request() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
         };
         progress.finish();
         if matches!(outcome, Err(Failure::Interrupted(_))) {
@@ -166,15 +166,20 @@ impl Run<'_> {
                 self.recorder.warning(&format!("the transcript of {role} is incomplete: {error}"));
             }
         }
+        let readings = self.recorder.finish_readings();
         match outcome {
             Ok(measured) => {
+                readings?;
                 let summary = results::write(&mut self.recorder, self.experiment, &measured)?;
                 self.manifest(&identities, "finished")?;
                 Ok(Finished { measured, summary, simulation })
             }
             Err(failure) => {
                 tracing::error!("{failure}");
-                self.manifest(&identities, &format!("ended early: {failure}"))?;
+                // The reason for the end outweighs a manifest that cannot be written.
+                if let Err(error) = self.manifest(&identities, &format!("ended early: {failure}")) {
+                    tracing::error!("{error}");
+                }
                 Err(failure)
             }
         }
@@ -226,14 +231,13 @@ async fn drive(
     plan: &Checked,
     (clock, operator, progress): (&Clock, &Operator, &Progress),
 ) -> Result<Measured, Failure> {
-    bench.safe_state().await.map_err(|mut failures| failures.pop().map_or(Failure::Interrupted(String::new()), Failure::from))?;
+    safe(bench.safe_state().await, Ok(()))?;
     let mut measured = Measured {
         controls: Vec::new(),
         sweeps: BTreeMap::new(),
         correction: Correction::none(experiment.bench.wiring.shunt),
         spectrum: Spectrum { name: experiment.name.clone(), points: Vec::new() },
     };
-    let last_control = experiment.fixture_check.as_ref().and_then(|check| check.controls.last()).map(|(fixture, _)| *fixture);
     let mut executor = Executor::new((bench, recorder), experiment, clock.clone(), (operator, progress));
     for stage in &plan.plan().stages {
         let Purpose::Sweep(fixture) = stage.purpose else {
@@ -261,8 +265,9 @@ async fn drive(
         let points = executor.stage(stage, &mut on_point).await?;
         judge(executor.recorder, experiment, (fixture, &points), &mut measured)?;
         measured.sweeps.insert(name, points);
-        if last_control == Some(fixture) {
-            // Not as late as the sweep that needs it: a bench that stays wrong must not touch the cell, not even to charge it.
+        // Before anything is done with the cell, its state of charge included.
+        let controls = experiment.fixture_check.as_ref().map_or(0, |check| check.controls.len());
+        if fixture != Fixture::Cell && measured.controls.len() == controls {
             correct(executor.recorder, experiment, &mut measured)?;
         }
     }
@@ -317,6 +322,23 @@ fn safe<T>(safe: Result<(), Vec<BenchError>>, outcome: Result<T, Failure>) -> Re
             cause: outcome.err().map_or_else(String::new, |failure| format!(" (after: {failure})")),
         }),
     }
+}
+
+/// Ctrl-C, a polite kill, or the end of the terminal: each brings the bench into safe state.
+///
+/// # Errors
+/// A system without signals; the request is then taken as made, for a run that cannot be stopped must not go on.
+pub(crate) async fn stop_request() -> std::io::Result<()> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let mut terminate = signal(SignalKind::terminate())?;
+    let mut hangup = signal(SignalKind::hangup())?;
+    tokio::select! {
+        _ = interrupt.recv() => {}
+        _ = terminate.recv() => {}
+        _ = hangup.recv() => {}
+    }
+    Ok(())
 }
 
 fn folder_of(path: &Path) -> String {

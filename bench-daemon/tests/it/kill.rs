@@ -101,10 +101,14 @@ fn ctrl_c_ends_in_safe_state_and_keeps_what_was_measured() {
     nix::sys::signal::kill(process, nix::sys::signal::Signal::SIGINT).unwrap();
     let (code, text) = end(child);
     assert_eq!(code, Some(130), "{text}");
-    assert!(text.contains("stopped by Ctrl-C; finished points are in ") && text.contains(&run.display().to_string()), "{text}");
+    assert!(
+        text.contains("stopped on request; the bench is in safe state, finished points are in ")
+            && text.contains(&run.display().to_string()),
+        "{text}"
+    );
     assert!(read_spectrum_csv(&run.join("spectrum.csv")).unwrap().len() >= 2);
     let status = crate::support::json(&run.join("manifest.json"))["status"].clone();
-    assert!(status.as_str().unwrap().starts_with("ended early: stopped by Ctrl-C"), "{status}");
+    assert!(status.as_str().unwrap().starts_with("ended early: stopped on request"), "{status}");
     ports.assert_outputs_off();
     assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
 }

@@ -7,5 +7,6 @@ mod demo;
 mod fit;
 mod kill;
 mod mock_process;
+mod ranging;
 mod support;
 mod verdicts;
