@@ -55,6 +55,7 @@ fn the_run_folder_is_complete_and_everything_in_it_is_readable() {
     assert_controls(&run);
     assert_manifest(&run);
     assert_tables(&run);
+    assert_report(&run);
     for role in ROLES {
         let found = transcript(&run, role);
         assert!(found.torn.is_none(), "{role}");
@@ -170,6 +171,23 @@ fn assert_tables(run: &Path) {
     assert!(found.iter().all(Option::is_some) && found.is_sorted(), "the stages in the order of the thesis: {found:?}");
     let log = fs::read_to_string(run.join("log.txt")).unwrap();
     assert!(log.contains("INFO stage: EIS sweep of the cell"), "{log}");
+}
+
+/// The report shows itself without any other file, and each plot is there for the screen and for print.
+fn assert_report(run: &Path) {
+    let report = fs::read_to_string(run.join("report.html")).unwrap();
+    assert!(report.starts_with("<!DOCTYPE html>") && report.trim_end().ends_with("</html>"));
+    for reference in ["src=\"http", "href=\"http", "<script src", "@import"] {
+        assert!(!report.contains(reference), "the report needs something else: {reference}");
+    }
+    assert!(report.matches("<svg").count() >= 3 && report.contains("Molicel P45B"));
+    let orders = (1..=4).map(|rc| format!("nyquist_fit_{rc}rc"));
+    for name in ["nyquist", "bode", "nyquist_controls"].map(str::to_owned).into_iter().chain(orders) {
+        let svg = fs::read_to_string(run.join(format!("plots/{name}.svg"))).unwrap();
+        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{name}");
+        let png = fs::read(run.join(format!("plots/{name}.png"))).unwrap();
+        assert!(png.starts_with(b"\x89PNG\r\n") && png.ends_with(b"IEND\xaeB`\x82"), "{name}");
+    }
 }
 
 #[test]
