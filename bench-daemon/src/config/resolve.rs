@@ -15,6 +15,8 @@ use crate::interlock::Limits;
 
 /// Highest order of the ERM that is fitted.
 const MAX_RC: usize = 6;
+/// How far below the end of a discharge the load stops by itself, V.
+pub(crate) const LOAD_CUT_OFF_V: f64 = 0.05;
 /// Samples per period below which a sinusoid is not to be believed.
 const MIN_SAMPLES_PER_PERIOD: f64 = 8.0;
 
@@ -284,6 +286,8 @@ impl Check<'_> {
         let load_max = load::DIALECTS.iter().find(|d| d.key() == load.model).map_or(0.0, |d| d.capabilities().max_current.value());
         let supply_max = supply::DIALECTS.iter().find(|d| d.key() == supply.model).map_or(0.0, |d| d.capabilities().max_current.value());
         let window = (limits.min_v, limits.max_v);
+        // The load's own cut-off lies between the end of the discharge and the cell's limit.
+        let discharge_window = (limits.min_v + LOAD_CUT_OFF_V, limits.max_v);
         let reset = SocReset {
             discharge_a: self.within(
                 "soc_reset.discharge_current",
@@ -291,7 +295,7 @@ impl Check<'_> {
                 (0.01, limits.discharge_a.min(load_max)),
                 "A",
             )?,
-            discharge_until_v: self.within("soc_reset.discharge_until", raw.discharge_until.si, window, "V")?,
+            discharge_until_v: self.within("soc_reset.discharge_until", raw.discharge_until.si, discharge_window, "V")?,
             charge_a: self.within("soc_reset.charge_current", raw.charge_current.si, (0.01, limits.charge_a.min(supply_max)), "A")?,
             charge_limit_v: self.within("soc_reset.charge_voltage", raw.charge_voltage.si, window, "V")?,
             charge_until_v: self.within("soc_reset.charge_until", raw.charge_until.si, window, "V")?,

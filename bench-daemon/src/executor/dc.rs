@@ -9,7 +9,7 @@ use instruments::{
 };
 
 use super::{ExecuteError, Executor, POLL_S, require};
-use crate::{interlock::Reading, plan::Step};
+use crate::{config::LOAD_CUT_OFF_V, interlock::Reading, plan::Step};
 
 /// Seconds between two readings while nothing flows.
 const REST_POLL_S: f64 = 10.0;
@@ -52,7 +52,7 @@ impl Executor<'_> {
             return Ok(());
         }
         // Below the end, so that the daemon ends the discharge, and above the cell's limit, so that the load ends it if the daemon does not.
-        let stop_below = Volts((until_v - 0.05).max(self.experiment.cell.limits.min_v));
+        let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.experiment.cell.limits.min_v));
         let error = self.bench.error("load");
         let load = require(&mut self.bench.load, "load")?;
         load.prepare(&Discharge { current: Amps(current_a), stop_below }).await.map_err(&error)?;

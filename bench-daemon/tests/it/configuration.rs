@@ -47,7 +47,7 @@ fn mistakes_are_named_with_file_line_and_field() {
         (experiment, "\"1 A\"", "1.0", "eis.amplitude: invalid type: floating point `1.0`, expected a current with its unit"),
         (experiment, "\"300 Hz\"", "\"300 kHz\"", "eis.stop: expected 0.1 Hz to 10000 Hz, found 300000 Hz"),
         (experiment, "\"1 A\"", "\"50 A\"", "eis.amplitude: expected 0.01 A to 13.5 A, found 50 A"),
-        (experiment, "\"3.52 V\"", "\"2.3 V\"", "soc_reset.discharge_until: expected 2.5 V to 4.2 V, found 2.3 V"),
+        (experiment, "\"3.52 V\"", "\"2.3 V\"", "soc_reset.discharge_until: expected 2.55 V to 4.2 V, found 2.3 V"),
         (experiment, "\"4.2 V\"", "\"4.3 V\"", "soc_reset.charge_voltage: expected 2.5 V to 4.2 V, found 4.3 V"),
         (experiment, "\"25 °C\"", "\"75 °C\"", "temperature.setpoint: expected 0 °C to 60 °C, found 75 °C"),
         (experiment, "rc = [1, 2, 3, 4]", "rc = [0]", "fit.rc: expected orders from 1 to 6, found [0]"),
