@@ -139,13 +139,14 @@ impl Bench {
         };
         Ok(Self {
             supply4q: open!(supply4q, connections, "supply4q", &instruments.supply4q).map(|(link, d)| Supply4q::new(link, d)),
-            generator: open!(generator, connections, "generator", &instruments.generator).map(|(link, d)| Generator::new(link, d, channel)),
+            generator: open!(generator, connections, "generator", &instruments.generator)
+                .map(|(link, d)| Generator::new(link, d).on_channels(vec![u16::from(channel)])),
             scope: open!(scope, connections, "scope", &instruments.scope).map(|(link, d)| Scope::new(link, d)),
             load: open!(load, connections, "load", &instruments.load).map(|(link, d)| Load::new(link, d)),
             supply: open!(supply, connections, "supply", &instruments.supply).map(|(link, d)| Supply::new(link, d)),
             chiller: open!(chiller, connections, "chiller", &instruments.chiller).map(|(link, d)| Chiller::new(link, d)),
             logger: open!(logger, connections, "logger", &instruments.logger.as_ref().map(|(instrument, _, _)| instrument))
-                .map(|(link, d)| Logger::new(link, d, logger_channels)),
+                .map(|(link, d)| Logger::new(link, d).on_channels(logger_channels)),
             jig,
             models: instruments.addressed().into_iter().map(|(role, instrument)| (role, instrument.clone())).collect(),
         })

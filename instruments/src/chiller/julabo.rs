@@ -3,9 +3,9 @@
 use super::{Dialect, Status};
 use crate::{
     exchange::{Exchange, Identity},
+    instrument::{Model, ms},
     link::{Grammar, LinkProfile},
     scpi::decode::Terminator,
-    supply4q::ms,
     units::Celsius,
 };
 
@@ -14,7 +14,7 @@ pub(super) const JULABO: Julabo = Julabo;
 
 pub(super) struct Julabo;
 
-impl Dialect for Julabo {
+impl Model for Julabo {
     fn key(&self) -> &'static str {
         "julabo"
     }
@@ -39,7 +39,9 @@ impl Dialect for Julabo {
     fn recognises(&self, identity: &Identity) -> bool {
         identity.raw.to_ascii_uppercase().starts_with("JULABO")
     }
+}
 
+impl Dialect for Julabo {
     fn range(&self) -> (Celsius, Celsius) {
         (Celsius(-20.0), Celsius(150.0))
     }

@@ -3,8 +3,9 @@
 mod siglent_sdg;
 
 use crate::{
-    exchange::{Exchange, Identity, play, play_all},
-    link::{Link, LinkError, LinkProfile},
+    exchange::{Exchange, play, play_all},
+    instrument::{Instrument, Model},
+    link::LinkError,
     units::{Hertz, Volts},
 };
 
@@ -33,15 +34,9 @@ pub struct Capabilities {
 }
 
 /// One model's language.
-pub trait Dialect: Send + Sync {
-    /// The name in a bench file.
-    fn key(&self) -> &'static str;
-    /// Pace and deadlines of its link.
-    fn profile(&self) -> LinkProfile;
+pub trait Dialect: Model {
     /// What it can do.
     fn capabilities(&self) -> Capabilities;
-    /// Whether an identity answer is this dialect's.
-    fn recognises(&self, identity: &Identity) -> bool;
     /// Output off (with an open-circuit load setting, so that the volts are true), or on.
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange>;
     /// A sine; the output stays as it is.
@@ -54,29 +49,12 @@ pub trait Dialect: Send + Sync {
 pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdg::SDG1000X];
 
 /// One channel of a signal generator on its link.
-pub struct Generator {
-    link: Link,
-    dialect: &'static dyn Dialect,
-    channel: u8,
-}
+pub type Generator = Instrument<dyn Dialect>;
 
-impl Generator {
-    /// Puts a dialect on a link; `channel` is the output in use. Sends nothing.
-    pub fn new(link: Link, dialect: &'static dyn Dialect, channel: u8) -> Self {
-        Self { link, dialect, channel }
-    }
-
+impl Instrument<dyn Dialect> {
     /// What the model can do.
     pub fn capabilities(&self) -> Capabilities {
         self.dialect.capabilities()
-    }
-
-    /// Asks who it is; changes nothing.
-    ///
-    /// # Errors
-    /// The link's.
-    pub async fn identify(&mut self) -> Result<Identity, LinkError> {
-        Ok(Identity::parse(&self.link.query("*IDN?").await?))
     }
 
     /// Sets the sine and reads it back: this family clamps silently.
@@ -84,7 +62,8 @@ impl Generator {
     /// # Errors
     /// The link's; a read-back that differs.
     pub async fn sine(&mut self, sine: &Sine) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.sine(self.channel, sine)).await
+        let script = self.dialect.sine(self.output_channel(), sine);
+        play(&mut self.link, &script).await
     }
 
     /// Sets a steady level.
@@ -92,7 +71,8 @@ impl Generator {
     /// # Errors
     /// As [`Self::sine`].
     pub async fn steady(&mut self, level: Volts) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.steady(self.channel, level)).await
+        let script = self.dialect.steady(self.output_channel(), level);
+        play(&mut self.link, &script).await
     }
 
     /// Switches the output.
@@ -100,7 +80,8 @@ impl Generator {
     /// # Errors
     /// As [`Self::sine`].
     pub async fn output(&mut self, on: bool) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.output(self.channel, on)).await
+        let script = self.dialect.output(self.output_channel(), on);
+        play(&mut self.link, &script).await
     }
 
     /// Output off. Safe at any time, also twice.
@@ -108,11 +89,11 @@ impl Generator {
     /// # Errors
     /// As [`Self::sine`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        play_all(&mut self.link, &self.dialect.output(self.channel, false)).await
+        let script = self.dialect.output(self.output_channel(), false);
+        play_all(&mut self.link, &script).await
     }
-
-    /// The link, for reconnecting.
-    pub fn link_mut(&mut self) -> &mut Link {
-        &mut self.link
+    /// The first of the channels in use; 1 where none was named.
+    fn output_channel(&self) -> u8 {
+        self.channels.first().and_then(|channel| u8::try_from(*channel).ok()).unwrap_or(1)
     }
 }

@@ -4,8 +4,8 @@
 use super::{Capabilities, Dialect, Sine};
 use crate::{
     exchange::{Exchange, Expect, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
-    supply4q::ms,
     units::{Hertz, Volts},
 };
 
@@ -14,7 +14,7 @@ pub(super) const SDG1000X: Sdg = Sdg;
 
 pub(super) struct Sdg;
 
-impl Dialect for Sdg {
+impl Model for Sdg {
     fn key(&self) -> &'static str {
         "siglent-sdg1000x"
     }
@@ -23,6 +23,12 @@ impl Dialect for Sdg {
         LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
     }
 
+    fn recognises(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDG")
+    }
+}
+
+impl Dialect for Sdg {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             freq_range: (Hertz(1.0e-6), Hertz(30.0e6)),
@@ -30,10 +36,6 @@ impl Dialect for Sdg {
             max_peak: Volts(10.0),
             freq_step: Hertz(1.0e-6),
         }
-    }
-
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDG")
     }
 
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange> {

@@ -3,8 +3,8 @@
 use super::{Capabilities, Dialect, Discharge};
 use crate::{
     exchange::{Exchange, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
-    supply4q::ms,
     units::Amps,
 };
 
@@ -13,7 +13,7 @@ pub(super) const SDL1000X: Sdl = Sdl;
 
 pub(super) struct Sdl;
 
-impl Dialect for Sdl {
+impl Model for Sdl {
     fn key(&self) -> &'static str {
         "siglent-sdl1000x"
     }
@@ -22,12 +22,14 @@ impl Dialect for Sdl {
         LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
     }
 
-    fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(30.0), max_power_w: 200.0 }
-    }
-
     fn recognises(&self, identity: &Identity) -> bool {
         identity.maker.starts_with("Siglent") && identity.model.starts_with("SDL")
+    }
+}
+
+impl Dialect for Sdl {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { max_current: Amps(30.0), max_power_w: 200.0 }
     }
 
     fn input(&self, on: bool) -> Vec<Exchange> {

@@ -3,8 +3,8 @@
 use super::Dialect;
 use crate::{
     exchange::{Exchange, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
-    supply4q::ms,
 };
 
 /// Keysight 34970A.
@@ -12,7 +12,7 @@ pub(super) const LOGGER_34970A: Keysight34970a = Keysight34970a;
 
 pub(super) struct Keysight34970a;
 
-impl Dialect for Keysight34970a {
+impl Model for Keysight34970a {
     fn key(&self) -> &'static str {
         "keysight-34970a"
     }
@@ -25,7 +25,9 @@ impl Dialect for Keysight34970a {
     fn recognises(&self, identity: &Identity) -> bool {
         ["34970A", "34972A", "DAQ970A"].iter().any(|model| identity.model.starts_with(model))
     }
+}
 
+impl Dialect for Keysight34970a {
     fn configure(&self, channels: &[u16]) -> Vec<Exchange> {
         let list: Vec<u32> = channels.iter().copied().map(u32::from).collect();
         vec![

@@ -3,20 +3,15 @@
 mod keysight_34970a;
 
 use crate::{
-    exchange::{Exchange, Identity, play},
-    link::{Link, LinkError, LinkProfile},
+    exchange::{Exchange, play},
+    instrument::{Instrument, Model},
+    link::LinkError,
     scpi::message::{Field, parse_response},
     units::Celsius,
 };
 
 /// One model's language.
-pub trait Dialect: Send + Sync {
-    /// The name in a bench file.
-    fn key(&self) -> &'static str;
-    /// Pace and deadlines of its link.
-    fn profile(&self) -> LinkProfile;
-    /// Whether an identity answer is this dialect's.
-    fn recognises(&self, identity: &Identity) -> bool;
+pub trait Dialect: Model {
     /// Type K thermocouples in °C on these channels, scanned together.
     fn configure(&self, channels: &[u16]) -> Vec<Exchange>;
     /// Query for one scan.
@@ -27,26 +22,9 @@ pub trait Dialect: Send + Sync {
 pub const DIALECTS: &[&dyn Dialect] = &[&keysight_34970a::LOGGER_34970A];
 
 /// A logger on its link.
-pub struct Logger {
-    link: Link,
-    dialect: &'static dyn Dialect,
-    channels: Vec<u16>,
-}
+pub type Logger = Instrument<dyn Dialect>;
 
-impl Logger {
-    /// Puts a dialect on a link; `channels` are the slots' channel numbers. Sends nothing.
-    pub fn new(link: Link, dialect: &'static dyn Dialect, channels: Vec<u16>) -> Self {
-        Self { link, dialect, channels }
-    }
-
-    /// Asks who it is; changes nothing.
-    ///
-    /// # Errors
-    /// The link's.
-    pub async fn identify(&mut self) -> Result<Identity, LinkError> {
-        Ok(Identity::parse(&self.link.query("*IDN?").await?))
-    }
-
+impl Instrument<dyn Dialect> {
     /// Sets up the scan.
     ///
     /// # Errors
@@ -72,10 +50,5 @@ impl Logger {
                 Err(LinkError::unexpected(self.link.name(), self.dialect.scan(), &answer, &expected))
             }
         }
-    }
-
-    /// The link, for reconnecting.
-    pub fn link_mut(&mut self) -> &mut Link {
-        &mut self.link
     }
 }

@@ -5,8 +5,8 @@
 use super::{Capabilities, Dialect, Intent, Preamble, Queries};
 use crate::{
     exchange::{Exchange, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
-    supply4q::ms,
     units::{Seconds, Volts},
 };
 
@@ -31,7 +31,7 @@ const OFFSET_LIMITS: &[(Volts, Volts)] = &[
 
 pub(super) struct Sds;
 
-impl Dialect for Sds {
+impl Model for Sds {
     fn key(&self) -> &'static str {
         "siglent-sds800x-hd"
     }
@@ -40,6 +40,12 @@ impl Dialect for Sds {
         LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
     }
 
+    fn recognises(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDS") && identity.model.ends_with("HD")
+    }
+}
+
+impl Dialect for Sds {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             per_div: (Volts(0.5e-3), Volts(10.0)),
@@ -48,10 +54,6 @@ impl Dialect for Sds {
             horizontal_div: 10.0,
             max_time_per_div: Seconds(1000.0),
         }
-    }
-
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDS") && identity.model.ends_with("HD")
     }
 
     fn script(&self, intent: &Intent) -> Vec<Exchange> {

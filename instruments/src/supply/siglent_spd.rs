@@ -4,8 +4,8 @@
 use super::{Capabilities, Charge, Dialect};
 use crate::{
     exchange::{Exchange, Expect, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
-    supply4q::ms,
     units::{Amps, Volts},
 };
 
@@ -17,7 +17,7 @@ const CHANNEL_1_ON: u32 = 1 << 4;
 
 pub(super) struct Spd;
 
-impl Dialect for Spd {
+impl Model for Spd {
     fn key(&self) -> &'static str {
         "siglent-spd3303x"
     }
@@ -26,12 +26,14 @@ impl Dialect for Spd {
         LinkProfile { min_gap: ms(20), ..LinkProfile::scpi() }
     }
 
-    fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(3.2), max_voltage: Volts(32.0) }
-    }
-
     fn recognises(&self, identity: &Identity) -> bool {
         identity.maker.starts_with("Siglent") && identity.model.starts_with("SPD")
+    }
+}
+
+impl Dialect for Spd {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { max_current: Amps(3.2), max_voltage: Volts(32.0) }
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {

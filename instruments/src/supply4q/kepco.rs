@@ -3,9 +3,10 @@
 //!
 //! Numbers go out as plain `%.4f`: the parser of the instrument drops digits silently when there are more than four before the point.
 
-use super::{AnalogSelect, Capabilities, Dialect, Limits, ms};
+use super::{AnalogSelect, Capabilities, Dialect, Limits};
 use crate::{
     exchange::{Exchange, Expect, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
     units::{Amps, Volts},
 };
@@ -23,7 +24,7 @@ pub(super) struct Kepco {
     analog_select: AnalogSelect,
 }
 
-impl Dialect for Kepco {
+impl Model for Kepco {
     fn key(&self) -> &'static str {
         self.key
     }
@@ -33,6 +34,12 @@ impl Dialect for Kepco {
         LinkProfile { min_gap: ms(35), ..LinkProfile::scpi() }
     }
 
+    fn recognises(&self, identity: &Identity) -> bool {
+        identity.raw.to_ascii_uppercase().starts_with("KEPCO")
+    }
+}
+
+impl Dialect for Kepco {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             analog_select: self.analog_select,
@@ -41,10 +48,6 @@ impl Dialect for Kepco {
             analog_full_scale: Volts(10.0),
             open_when_off: self.analog_select == AnalogSelect::Command,
         }
-    }
-
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.raw.to_ascii_uppercase().starts_with("KEPCO")
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {
