@@ -196,7 +196,7 @@ fn analyse(
     index: usize,
     freq_hz: f64,
     waveforms: &[Waveform; 4],
-    mut warnings: Vec<String>,
+    warnings: Vec<String>,
 ) -> Result<SweepPoint, ExecuteError> {
     let fail = |reason: String| ExecuteError::Signal { freq_hz, reason };
     let channels: Vec<Channel<'_>> = waveforms
@@ -224,7 +224,9 @@ fn analyse(
     let fit = sine::fit_known_frequency(&record, freq_hz, &options).map_err(|error| fail(error.to_string()))?;
     let free = sine::fit_free_frequency(&record, Some(freq_hz), &options).map_err(|error| fail(error.to_string()))?;
     if (free.freq_hz / freq_hz - 1.0).abs() > FREQ_TOLERANCE {
-        warnings.push(format!("a free fit finds {:.6} Hz", free.freq_hz));
+        // A scope that was not triggered may still hold the frame of an earlier point.
+        let reason = format!("a fit with free frequency finds {:.6} Hz in the record: is it an older one?", free.freq_hz);
+        return Err(fail(reason));
     }
     let residual_lag1 = fit.channels.iter().map(|channel| channel.residual_lag1).fold(0.0, f64::max);
     let phasors = ChannelPhasors::from_fit(&fit).map_err(|error| fail(error.to_string()))?;
