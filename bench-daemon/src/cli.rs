@@ -11,11 +11,16 @@ use crate::{
 
 const EXAMPLES: &str = "\
 Examples:
-  eis-bench run configs/experiments/demo.toml          the whole job on the built-in simulated bench, in seconds
-  eis-bench plan configs/experiments/thesis.toml       what would be done, and for how long, without touching anything
-  eis-bench identify configs/benches/thesis.toml       who answers at the configured addresses; changes nothing
-  eis-bench mock configs/benches/demo.toml --json      the simulated instruments on real ports, until Ctrl-C
-  eis-bench fit SPECTRUM.csv --rc all                  fit the extended Randles model to spectra from anywhere
+  The whole job on the built-in simulated bench, in seconds:
+    eis-bench run configs/experiments/demo.toml
+  What would be done, and for how long, without touching anything:
+    eis-bench plan configs/experiments/thesis.toml
+  Who answers at the configured addresses; changes nothing:
+    eis-bench identify configs/benches/thesis.toml
+  The simulated instruments on real ports, until Ctrl-C:
+    eis-bench mock configs/benches/demo.toml --json
+  Fit the extended Randles model to spectra from anywhere:
+    eis-bench fit SPECTRUM.csv --rc all --out FOLDER
 
 Exit codes:
   0  done
