@@ -86,7 +86,7 @@ pub struct PlanArgs {
 /// Arguments of `mock`.
 #[derive(Debug, Args)]
 pub struct MockArgs {
-    /// The bench file; needs a [simulation] section.
+    /// The bench file; needs a section `[simulation]`.
     pub bench: PathBuf,
     /// Print the addresses as one line of JSON.
     #[arg(long)]
