@@ -43,7 +43,7 @@ pub enum Expect {
         /// Greatest allowed difference; covers the rounding of the instrument's display.
         tolerance: f64,
     },
-    /// One number or several, each of this magnitude: limits of both signs.
+    /// Two numbers of this magnitude: a limit of both signs, answered as `pos, neg`.
     Magnitude {
         /// Expected magnitude.
         value: f64,
@@ -56,6 +56,10 @@ pub enum Expect {
     Word(&'static [&'static str]),
     /// A field of a Siglent `KEY,value,KEY,value` answer with a number within `tolerance` of `value`.
     Fields(Vec<(&'static str, f64, f64)>),
+    /// A field of a Siglent `KEY,value,KEY,value` answer with this word.
+    FieldWord(&'static str, &'static str),
+    /// All of these.
+    All(Vec<Expect>),
     /// The answer contains this text, whatever the case.
     Contains(&'static str),
     /// The low bits of a hexadecimal status word: `word & mask == bits`.
@@ -114,6 +118,7 @@ impl Expect {
         match self {
             Self::Number { value, .. } | Self::Magnitude { value, .. } => Some(*value).filter(|value| !value.is_finite()),
             Self::Fields(fields) => fields.iter().map(|(_, value, _)| *value).find(|value| !value.is_finite()),
+            Self::All(all) => all.iter().find_map(Self::not_finite),
             _ => None,
         }
     }
@@ -127,10 +132,10 @@ impl Expect {
             Self::Number { value, tolerance } => judge_number(answer, *value, *tolerance, "a number"),
             Self::Magnitude { value, tolerance } => {
                 let fields = parse_response(answer);
-                fields.iter().try_for_each(|field| match leading_number(&field.text) {
-                    Some(number) if (number.abs() - value).abs() <= *tolerance => Ok(()),
-                    _ => Err(format!("numbers within {tolerance:e} of ±{value}")),
-                })
+                let right = |text: &str| leading_number(text).is_some_and(|number| (number.abs() - value).abs() <= *tolerance);
+                (fields.len() == 2 && fields.iter().all(|field| right(&field.text)))
+                    .then_some(())
+                    .ok_or_else(|| format!("two numbers within {tolerance:e} of ±{value}"))
             }
             Self::Switch(on) => match parse_bool(answer) {
                 Ok(met) if met == *on => Ok(()),
@@ -145,6 +150,11 @@ impl Expect {
                 let text = field(answer, key).ok_or_else(|| format!("a field {key}"))?;
                 judge_number(text, *value, *tolerance, key)
             }),
+            Self::FieldWord(key, word) => match field(answer, key) {
+                Some(met) if met.eq_ignore_ascii_case(word) => Ok(()),
+                _ => Err(format!("{key},{word}")),
+            },
+            Self::All(all) => all.iter().try_for_each(|expect| expect.judge(answer)),
             Self::Contains(text) => answer
                 .to_ascii_uppercase()
                 .contains(&text.to_ascii_uppercase())
@@ -171,7 +181,8 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
                     let reason = format!("expected a finite number, found {value}");
                     return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason });
                 }
-                link.set(message, read_back, |answer| expect.judge(answer)).await?;
+                let outcome = link.set(message, read_back, |answer| expect.judge(answer)).await;
+                believe(link, read_back, expect, outcome).await?;
             }
             Exchange::Refuse { message, reason } => {
                 return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason: reason.clone() });
@@ -181,13 +192,33 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
     Ok(())
 }
 
-/// Plays a whole script whatever happens in between, for switching off: a message that is refused must not keep the next from being sent.
+/// Asks again for a while what was not yet so: some instruments answer before a write has taken effect. A question may be repeated, a command not.
+async fn believe(link: &mut Link, read_back: &str, expect: &Expect, outcome: Result<(), LinkError>) -> Result<(), LinkError> {
+    const PATIENCE: [f64; 4] = [0.1, 0.2, 0.3, 0.4];
+    if !matches!(outcome, Err(LinkError::ReadBack { .. })) {
+        return outcome;
+    }
+    for seconds in PATIENCE {
+        link.clock().clone().sleep_s(seconds).await;
+        if expect.judge(&link.query(read_back).await?).is_ok() {
+            return Ok(());
+        }
+    }
+    outcome
+}
+
+/// Plays a whole script whatever happens in between, for switching off: neither a message that is refused nor an answer that stays away must keep the
+/// next message from being sent. A link that was dropped is reconnected for it.
 ///
 /// # Errors
 /// The link's error for the first message that failed.
 pub async fn play_all(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError> {
     let mut outcome = Ok(());
     for exchange in script {
+        if link.is_dropped() {
+            // When that fails, so will the message, and say why.
+            let _ = link.reconnect().await;
+        }
         let played = play(link, std::slice::from_ref(exchange)).await;
         outcome = outcome.and(played);
     }
@@ -201,7 +232,8 @@ pub fn leading_number(answer: &str) -> Option<f64> {
 
 /// The value behind `key` in a `KEY,value,KEY,value` list; a header such as `C1:BSWV ` before the list is skipped.
 pub fn field<'a>(answer: &'a str, key: &str) -> Option<&'a str> {
-    let list = answer.trim().rsplit_once(' ').map_or(answer.trim(), |(_, list)| list);
+    let text = answer.trim();
+    let list = text.split_once(' ').filter(|(header, _)| header.contains(':')).map_or(text, |(_, list)| list);
     let mut parts = list.split(',');
     while let Some(part) = parts.next() {
         if part.trim().eq_ignore_ascii_case(key) {
@@ -218,8 +250,9 @@ pub fn hex_word(answer: &str) -> Option<u32> {
     u32::from_str_radix(digits, 16).ok()
 }
 
+/// The last field counts: some answers repeat a keyword before it (`VALue,1.00E+00`).
 fn judge_number(answer: &str, value: f64, tolerance: f64, what: &str) -> Result<(), String> {
-    match leading_number(answer) {
+    match parse_response(answer).last().and_then(|field| leading_number(&field.text)) {
         Some(number) if (number - value).abs() <= tolerance => Ok(()),
         _ => Err(format!("{what} within {tolerance:e} of {value}")),
     }

@@ -49,6 +49,9 @@ impl Dialect for Julabo {
     fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange> {
         match setpoint {
             Some(Celsius(celsius)) => vec![
+                // Internal control, on the first set-point: with another one chosen the bath would follow that.
+                Exchange::word("OUT_MODE_04 0", "IN_MODE_04", &["0"]),
+                Exchange::send("OUT_MODE_01 0"),
                 Exchange::number(format!("OUT_SP_00 {celsius:.2}"), "IN_SP_00", celsius, 0.006),
                 Exchange::word("OUT_MODE_05 1", "IN_MODE_05", &["1"]),
             ],

@@ -41,8 +41,8 @@ pub trait Dialect: Model {
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange>;
     /// A sine; the output stays as it is.
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange>;
-    /// A steady voltage; the output stays as it is.
-    fn steady(&self, channel: u8, level: Volts) -> Vec<Exchange>;
+    /// The least sine around an offset, everything else that could move the output off; the output stays as it is.
+    fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
 }
 
 /// Every known model.
@@ -66,13 +66,13 @@ impl Instrument<dyn Dialect> {
         play(&mut self.link, &script).await
     }
 
-    /// Sets a steady level.
+    /// As near to a steady offset as the instrument comes: its least sine, never another waveform that could bring an old amplitude back.
     ///
     /// # Errors
     /// As [`Self::sine`].
-    pub async fn steady(&mut self, level: Volts) -> Result<(), LinkError> {
-        let script = self.dialect.steady(self.output_channel(), level);
-        play(&mut self.link, &script).await
+    pub async fn quiet(&mut self, offset: Volts) -> Result<(), LinkError> {
+        let script = self.dialect.quiet(self.output_channel(), offset);
+        play_all(&mut self.link, &script).await
     }
 
     /// Switches the output.

@@ -12,6 +12,11 @@ use crate::{
 /// Siglent SDG1000X.
 pub(super) const SDG1000X: Sdg = Sdg;
 
+/// The least sine: 2 mV peak to peak.
+const MIN_AMPLITUDE: Volts = Volts(1.0e-3);
+/// Its frequency while nothing is driven.
+const QUIET_FREQ: Hertz = Hertz(1000.0);
+
 pub(super) struct Sdg;
 
 impl Model for Sdg {
@@ -32,7 +37,7 @@ impl Dialect for Sdg {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             freq_range: (Hertz(1.0e-6), Hertz(30.0e6)),
-            min_amplitude: Volts(2.0e-3),
+            min_amplitude: MIN_AMPLITUDE,
             max_peak: Volts(10.0),
             freq_step: Hertz(1.0e-6),
         }
@@ -55,20 +60,26 @@ impl Dialect for Sdg {
         vec![Exchange::Set {
             message: format!("C{channel}:BSWV WVTP,SINE,FRQ,{freq_hz:.6},AMP,{peak_to_peak_v:.4},OFST,{offset_v:.4},PHSE,0"),
             read_back: format!("C{channel}:BSWV?"),
-            expect: Expect::Fields(vec![
-                ("FRQ", freq_hz, 1.0e-6 * freq_hz + 1.0e-6),
-                ("AMP", peak_to_peak_v, 1.0e-3 * peak_to_peak_v + 1.0e-3),
-                ("OFST", offset_v, 1.0e-3),
+            expect: Expect::All(vec![
+                Expect::FieldWord("WVTP", "SINE"),
+                Expect::Fields(vec![
+                    ("FRQ", freq_hz, 1.0e-6 * freq_hz + 1.0e-6),
+                    ("AMP", peak_to_peak_v, 1.0e-3 * peak_to_peak_v + 1.0e-3),
+                    ("OFST", offset_v, 1.0e-3),
+                ]),
             ]),
         }]
     }
 
-    fn steady(&self, channel: u8, level: Volts) -> Vec<Exchange> {
-        let level_v = level.value();
-        vec![Exchange::Set {
-            message: format!("C{channel}:BSWV WVTP,DC,OFST,{level_v:.4}"),
-            read_back: format!("C{channel}:BSWV?"),
-            expect: Expect::Fields(vec![("OFST", level_v, 1.0e-3)]),
-        }]
+    fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
+        let mut script = self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset });
+        let mut off = |message: String, read_back: String, text| {
+            script.push(Exchange::Set { message, read_back, expect: Expect::Contains(text) });
+        };
+        off(format!("C{channel}:OUTP PLRT,NOR"), format!("C{channel}:OUTP?"), "PLRT,NOR");
+        for modifier in ["BTWV", "SWWV", "MDWV"] {
+            off(format!("C{channel}:{modifier} STATE,OFF"), format!("C{channel}:{modifier}?"), "STATE,OFF");
+        }
+        script
     }
 }

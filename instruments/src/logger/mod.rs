@@ -30,10 +30,11 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The first message that was refused.
     pub async fn configure(&mut self) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.configure(&self.channels)).await
+        let script = self.dialect.configure(&self.ascending());
+        play(&mut self.link, &script).await
     }
 
-    /// One scan; `None` for an open thermocouple.
+    /// One scan, in the order of the channels in use; `None` for an open thermocouple.
     ///
     /// # Errors
     /// The link's; an answer with another number of readings than channels.
@@ -43,12 +44,22 @@ impl Instrument<dyn Dialect> {
         match readings {
             // An open thermocouple is answered as 9.9E37, which the codec reads as infinite.
             Ok(readings) if readings.len() == self.channels.len() => {
-                Ok(readings.into_iter().map(|reading| reading.is_finite().then_some(Celsius(reading))).collect())
+                // A scan list is answered by rising channel, whatever its order was.
+                let order = self.ascending();
+                let of = |channel: &u16| order.iter().position(|other| other == channel).and_then(|index| readings.get(index).copied());
+                let celsius = |channel| of(channel).filter(|reading: &f64| reading.is_finite()).map(Celsius);
+                Ok(self.channels.iter().map(celsius).collect())
             }
             _ => {
                 let expected = format!("{} readings", self.channels.len());
                 Err(LinkError::unexpected(self.link.name(), self.dialect.scan(), &answer, &expected))
             }
         }
+    }
+
+    fn ascending(&self) -> Vec<u16> {
+        let mut channels = self.channels.clone();
+        channels.sort_unstable();
+        channels
     }
 }

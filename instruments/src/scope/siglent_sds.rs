@@ -68,12 +68,8 @@ impl Dialect for Sds {
                     Exchange::number(format!(":CHANnel{n}:PROBe VALue,1.00E+00"), format!(":CHANnel{n}:PROBe?"), 1.0, 1.0e-6),
                     Exchange::number(format!(":CHANnel{n}:SCALe {scale:.5E}"), format!(":CHANnel{n}:SCALe?"), scale, 0.02 * scale),
                     // The limit of the offset depends on the scale, so the scale comes first.
-                    Exchange::number(
-                        format!(":CHANnel{n}:OFFSet {offset:.5E}"),
-                        format!(":CHANnel{n}:OFFSet?"),
-                        offset,
-                        0.02 * scale + 1.0e-4,
-                    ),
+                    // Where exactly it went stands in the descriptor; here only a clamped one must show.
+                    Exchange::number(format!(":CHANnel{n}:OFFSet {offset:.5E}"), format!(":CHANnel{n}:OFFSet?"), offset, 0.25 * scale),
                 ]
             }
             Intent::Timebase(per_div) => {

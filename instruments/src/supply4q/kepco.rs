@@ -19,6 +19,9 @@ pub(super) const BOP_LINEAR: Kepco = Kepco { key: "kepco-bop-linear", analog_sel
 /// Decimals of what is sent, and tolerance of what is read back: the display of a 20 A instrument rounds to a milliampere.
 const READ_BACK: (usize, f64) = (4, 5.0e-3);
 
+/// Full scale of the members that this driver knows.
+const FULL_SCALE: Amps = Amps(20.0);
+
 pub(super) struct Kepco {
     key: &'static str,
     analog_select: AnalogSelect,
@@ -35,7 +38,8 @@ impl Model for Kepco {
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
-        identity.raw.to_ascii_uppercase().starts_with("KEPCO")
+        // The family spans 10 V / 75 A to 200 V / 1 A: volts at the analog input mean other amperes on another member.
+        identity.raw.to_ascii_uppercase().starts_with("KEPCO") && rated_current(&identity.raw).is_none_or(|amps| amps == FULL_SCALE.value())
     }
 }
 
@@ -43,7 +47,7 @@ impl Dialect for Kepco {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             analog_select: self.analog_select,
-            full_scale: Amps(20.0),
+            full_scale: FULL_SCALE,
             full_scale_voltage: Volts(20.0),
             analog_full_scale: Volts(10.0),
             open_when_off: self.analog_select == AnalogSelect::Command,
@@ -72,7 +76,8 @@ impl Dialect for Kepco {
         script.push(Exchange::fixed("CURR", 0.0, READ_BACK));
         script.push(Exchange::fixed("VOLT", limits.compliance.value(), READ_BACK));
         if self.analog_select == AnalogSelect::Command {
-            script.push(both_signs("CURR:PROT", limits.current.value()));
+            // In current mode the protection channel is the voltage; only the software limit bounds the current.
+            script.push(both_signs("CURR:LIM", limits.current.value()));
         }
         script
     }
@@ -88,6 +93,15 @@ impl Dialect for Kepco {
     fn measure(&self) -> [&'static str; 2] {
         ["MEAS:VOLT?", "MEAS:CURR?"]
     }
+}
+
+/// The ampere in `V-A` of an identity such as `KEPCO,BOP1KW 50-20 ,E156884, 2.01`; old cards do not tell it.
+fn rated_current(identity: &str) -> Option<f64> {
+    identity.split([',', ' ']).find_map(|word| {
+        let (volts, amps) = word.split_once('-')?;
+        volts.parse::<f64>().ok()?;
+        amps.trim_end_matches(|c: char| c.is_ascii_alphabetic()).parse().ok()
+    })
 }
 
 /// A limit of both signs: it is answered as `pos, neg`.
@@ -117,10 +131,24 @@ mod tests {
     #[test]
     fn the_switching_family_selects_the_analog_input_by_command_and_the_linear_one_never_sends_it() {
         let limits = Limits { compliance: Volts(5.0), current: Amps(3.0) };
-        assert_eq!(words(&BOP_MG.prepare(&limits)), ["CURR:MODE FIX", "FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000", "CURR:PROT 3.0000"]);
+        assert_eq!(words(&BOP_MG.prepare(&limits)), ["CURR:MODE FIX", "FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000", "CURR:LIM 3.0000"]);
         assert_eq!(words(&BOP_MG.analog(true)), ["CURR:MODE EXT"]);
         assert_eq!(words(&BOP_LINEAR.prepare(&limits)), ["FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000"]);
         assert_eq!(BOP_LINEAR.analog(true), []);
+    }
+
+    #[test]
+    fn another_member_of_the_family_is_not_taken_for_this_one() {
+        for (raw, known) in [
+            ("KEPCO,BOP1KW 50-20 ,E156884, 2.01", true),
+            ("KEPCO,BOP 20-20M,E1234,2.6", true),
+            ("KEPCO BOP BIT232 REV. 3.1", true),
+            ("KEPCO,BOP 20-50MG,E1,2.01", false),
+            ("KEPCO,BOP1KW 10-75,E1,2.01", false),
+            ("ACME,BOP 20-20,1,1", false),
+        ] {
+            assert_eq!(BOP_MG.recognises(&Identity::parse(raw)), known, "{raw}");
+        }
     }
 
     #[test]

@@ -164,6 +164,9 @@ fn the_generator_drives_true_volts_and_reports_what_it_clamps() {
         assert_eq!((state.freq_hz, state.amplitude_v, state.offset_v), (0.149_23, 0.5, -0.28));
         let error = generator.sine(&Sine { amplitude: Volts(25.0), ..sine }).await.unwrap_err();
         assert!(matches!(error, LinkError::ReadBack { .. }) && error.to_string().contains("expected AMP within"), "{error}");
+        generator.quiet(Volts(-0.28)).await.unwrap();
+        let state = served.last(|action| if let Action::Generator(state) = action { Some(*state) } else { None });
+        assert_eq!((state.amplitude_v, state.offset_v), (0.001, -0.28));
         let error = generator.sine(&Sine { amplitude: Volts(f64::NAN), ..sine }).await.unwrap_err();
         assert!(error.to_string().contains("nothing was sent"), "{error}");
         generator.safe().await.unwrap();
@@ -289,11 +292,11 @@ fn a_chiller_in_manual_mode_is_told_apart_from_one_that_obeys() {
 #[test]
 fn an_open_thermocouple_is_no_temperature() {
     with("keysight-34970a", &MockOptions::default(), async |served| {
-        let mut logger = served.open(logger::DIALECTS, "keysight-34970a").await.on_channels(vec![101, 104]);
+        let mut logger = served.open(logger::DIALECTS, "keysight-34970a").await.on_channels(vec![104, 101]);
         logger.configure().await.unwrap();
         let readings = logger.scan().await.unwrap();
         assert_eq!(readings.len(), 2);
-        assert!((readings[0].unwrap().value() - 25.374).abs() < 1e-6 && readings[1].is_none(), "{readings:?}");
+        assert!((readings[1].unwrap().value() - 25.374).abs() < 1e-6 && readings[0].is_none(), "{readings:?}");
         let mut other = logger.on_channels(vec![101]);
         let error = other.scan().await.unwrap_err();
         assert!(error.to_string().contains("expected 1 readings"), "{error}");
