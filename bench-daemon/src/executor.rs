@@ -18,7 +18,7 @@ pub use sine::SweepPoint;
 use crate::{
     bench::{Bench, BenchError},
     config::{self, Experiment},
-    interlock::{self, Reading, Trip},
+    interlock::{self, Limits, Reading, Trip},
     operator::{Operator, OperatorError},
     plan::{Stage, Step},
     progress::Progress,
@@ -72,6 +72,11 @@ pub enum ExecuteError {
 
 /// Seconds between two readings while current flows.
 const POLL_S: f64 = 1.0;
+/// With its command at zero the bipolar supply may drive this much, A: more is a zero error that wants trimming.
+const IDLE_CURRENT_A: f64 = 0.2;
+/// What a meter may show for no current, and its gain error, as parts of a step's envelope.
+const METER_ZERO_A: f64 = 0.1;
+const METER_GAIN: f64 = 1.1;
 /// A temperature is read with every so many readings.
 const TEMPERATURE_EVERY: u32 = 10;
 
@@ -95,6 +100,8 @@ pub struct Executor<'a> {
     applied: [Option<Vertical>; 4],
     /// Level of the trigger; follows the signal.
     trigger_v: Volts,
+    /// What the step in work may expose the cell to.
+    envelope: Limits,
     polls: u32,
     /// The logger scans nothing before it was told what.
     logger_ready: bool,
@@ -118,6 +125,7 @@ impl<'a> Executor<'a> {
             verticals: [None; 4],
             applied: [None; 4],
             trigger_v: Volts(0.0),
+            envelope: experiment.cell.limits,
             polls: 0,
             logger_ready: false,
         }
@@ -140,6 +148,7 @@ impl<'a> Executor<'a> {
             tracing::info!("step: {step}");
             self.recorder.event(&step.to_string())?;
             self.progress.begin(&stage.purpose.to_string(), step);
+            self.set_envelope(step);
             match *step {
                 Step::Mount(other) => {
                     fixture = other;
@@ -165,6 +174,20 @@ impl<'a> Executor<'a> {
         Ok(points)
     }
 
+    /// What may flow during a step is far less than what the cell could bear.
+    fn set_envelope(&mut self, step: &Step) {
+        let cell = self.experiment.cell.limits;
+        let drawn = |amps: f64| METER_GAIN * amps + METER_ZERO_A;
+        self.envelope = match *step {
+            Step::Discharge { current_a, .. } => cell.bounded(METER_ZERO_A, drawn(current_a)),
+            Step::Charge { current_a, .. } => cell.bounded(drawn(current_a), METER_ZERO_A),
+            Step::PowerUp { limit_a, .. } => cell.bounded(limit_a, limit_a),
+            // Between power-up and power-down the limit of the power-up holds.
+            Step::Sine { .. } | Step::PowerDown => self.envelope,
+            Step::Mount(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => cell.bounded(METER_ZERO_A, METER_ZERO_A),
+        };
+    }
+
     async fn mount(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         self.bench.safe_state().await.map_err(first)?;
         self.verticals = [None; 4];
@@ -186,7 +209,7 @@ impl<'a> Executor<'a> {
         let offset = Volts(self.experiment.bench.wiring.command_offset_v);
         let generator = require(&mut self.bench.generator, "generator")?;
         generator.output(false).await.map_err(&error)?;
-        generator.steady(offset).await.map_err(&error)?;
+        generator.quiet(offset).await.map_err(&error)?;
         let error = self.bench.error("supply4q");
         let supply = require(&mut self.bench.supply4q, "supply4q")?;
         supply.prepare(limits).await.map_err(&error)?;
@@ -197,16 +220,20 @@ impl<'a> Executor<'a> {
             self.judge("idle", reading)?;
         }
         // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
-        let generator_error = self.bench.error("generator");
-        require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;
-        require(&mut self.bench.supply4q, "supply4q")?.energise().await.map_err(&error)?;
         let scope_error = self.bench.error("scope");
         let memory_points = self.experiment.eis.memory_points;
         let scope = require(&mut self.bench.scope, "scope")?;
         scope.set(&instruments::scope::Intent::Session { memory_points }).await.map_err(scope_error)?;
-        let reading = self.read_supply4q().await?;
+        let generator_error = self.bench.error("generator");
+        require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;
+        require(&mut self.bench.supply4q, "supply4q")?.energise().await.map_err(&error)?;
+        let mut reading = self.read_supply4q().await?;
         let idle_a = reading.current_a.unwrap_or(0.0);
-        let allowed_a = 0.5 * self.experiment.eis.amplitude_a;
+        if fixture != Fixture::Cell {
+            reading.voltage_v = None;
+        }
+        self.judge("idle", reading)?;
+        let allowed_a = IDLE_CURRENT_A.min(0.5 * self.experiment.eis.amplitude_a);
         if idle_a.abs() > allowed_a {
             return Err(ExecuteError::Disobeyed {
                 what: "bipolar supply with its command at zero".to_owned(),
@@ -234,13 +261,18 @@ impl<'a> Executor<'a> {
                 return Ok(());
             }
             self.clock.sleep_s(left_s.min(POLL_S)).await;
-            let mut reading = self.read_supply4q().await?;
-            if fixture != Fixture::Cell {
-                // A copper wire has no voltage limits.
-                reading.voltage_v = None;
-            }
-            self.judge("sine", reading)?;
+            self.watch(fixture).await?;
         }
+    }
+
+    /// One reading of the bipolar supply, judged.
+    async fn watch(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
+        let mut reading = self.read_supply4q().await?;
+        if fixture != Fixture::Cell {
+            // A copper wire has no voltage limits.
+            reading.voltage_v = None;
+        }
+        self.judge("sine", reading)
     }
 
     async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
@@ -270,7 +302,7 @@ impl<'a> Executor<'a> {
 
     fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
         self.recorder.reading(phase, &reading)?;
-        match interlock::judge(&self.experiment.cell.limits, &reading) {
+        match interlock::judge(&self.envelope, &reading) {
             Some(trip) => Err(trip.into()),
             None => Ok(()),
         }

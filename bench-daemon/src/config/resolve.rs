@@ -110,7 +110,22 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
             source.complain("simulation.time", "virtual time jumps ahead of answers on real ports: it needs `memory:` addresses only")
         );
     }
+    // On real instruments every wait would be too short by the factor.
+    let elsewhere = instruments.addressed().into_iter().find(|(_, instrument)| !is_local(&instrument.address));
+    if let (TimeMode::Scaled(_), Some((role, instrument))) = (time, elsewhere) {
+        let reason = format!("scaled time is for mocks on this machine, and {role} is at {}", instrument.address);
+        return Err(source.complain("simulation.time", reason));
+    }
     Ok(Simulation { scenario: source.relative(&raw.scenario), time })
+}
+
+/// In this process, on the loopback interface, or on a pseudo-terminal.
+fn is_local(address: &Address) -> bool {
+    match address {
+        Address::Memory { .. } => true,
+        Address::Tcp { host, .. } => host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback()),
+        Address::Serial(settings) => settings.path.starts_with("/dev/pts/"),
+    }
 }
 
 fn known(source: &Source, field: &str, raw: &raw::Known) -> Result<KnownImpedance, ConfigError> {

@@ -76,7 +76,11 @@ impl Executor<'_> {
 
     pub(super) async fn charge(&mut self, step: &Step) -> Result<(), ExecuteError> {
         let Step::Charge { current_a, limit_v, until_v, max_s } = *step else { return Ok(()) };
-        self.idle_volts("charge").await?;
+        let idle_v = self.idle_volts("charge").await?;
+        if idle_v >= until_v {
+            tracing::info!("already at {idle_v:.3} V: nothing to charge");
+            return Ok(());
+        }
         let error = self.bench.error("supply");
         let charge = Charge { voltage: Volts(limit_v), current: Amps(current_a) };
         require(&mut self.bench.supply, "supply")?.prepare(&charge).await.map_err(&error)?;
@@ -110,10 +114,13 @@ impl Executor<'_> {
         let mut window: VecDeque<(f64, f64)> = VecDeque::new();
         loop {
             self.clock.sleep_s(REST_POLL_S).await;
-            let volts = self.load_volts().await?.0;
+            let (volts, drawn_a) = self.load_volts().await?;
+            let error = self.bench.error("supply");
+            let (_, fed) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(error)?;
+            let current_a = Some(fed.value() - drawn_a);
             let temperature_c = self.temperature_now_and_then().await?;
             let now_s = self.clock.now_s();
-            self.judge("rest", Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(0.0), temperature_c })?;
+            self.judge("rest", Reading { time_s: now_s, voltage_v: Some(volts), current_a, temperature_c })?;
             window.push_back((now_s, volts));
             while window.front().is_some_and(|(time_s, _)| now_s - time_s > SLOPE_SPAN_S) {
                 window.pop_front();

@@ -94,3 +94,16 @@ fn virtual_time_on_real_ports_is_refused() {
     let message = load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string();
     assert!(message.contains("simulation.time: virtual time jumps ahead of answers on real ports"), "{message}");
 }
+
+#[test]
+fn scaled_time_on_an_instrument_elsewhere_is_refused() {
+    let folder = altered("benches/demo.toml", "\"memory:scope\"", "\"tcp://192.168.1.22:5025\"");
+    let bench = folder.path().join("benches/demo.toml");
+    let text = std::fs::read_to_string(&bench).unwrap().replace("[simulation]", "[simulation]\ntime = \"scaled:10\"");
+    std::fs::write(&bench, text).unwrap();
+    let message = load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string();
+    assert!(
+        message.contains("simulation.time: scaled time is for mocks on this machine, and scope is at tcp://192.168.1.22:5025"),
+        "{message}"
+    );
+}
