@@ -61,7 +61,7 @@ pub enum Expect {
     /// All of these.
     All(Vec<Expect>),
     /// The answer contains this text, whatever the case.
-    Contains(&'static str),
+    Contains(String),
     /// The low bits of a hexadecimal status word: `word & mask == bits`.
     Bits {
         /// Bits that count.
@@ -148,7 +148,8 @@ impl Expect {
                 .ok_or_else(|| format!("one of {}", words.join(", "))),
             Self::Fields(fields) => fields.iter().try_for_each(|(key, value, tolerance)| {
                 let text = field(answer, key).ok_or_else(|| format!("a field {key}"))?;
-                judge_number(text, *value, *tolerance, key)
+                // A long answer is cut where it is shown, perhaps before this field.
+                judge_number(text, *value, *tolerance, key).map_err(|expected| format!("{expected}, found {text}"))
             }),
             Self::FieldWord(key, word) => match field(answer, key) {
                 Some(met) if met.eq_ignore_ascii_case(word) => Ok(()),
@@ -223,6 +224,17 @@ pub async fn play_all(link: &mut Link, script: &[Exchange]) -> Result<(), LinkEr
         outcome = outcome.and(played);
     }
     outcome
+}
+
+/// Takes out of the error queue what an earlier client or the power-up left there, which would else be taken for an answer to the first message.
+///
+/// # Errors
+/// The link's.
+pub async fn forget_errors(link: &mut Link) -> Result<(), LinkError> {
+    for entry in link.drain_errors().await? {
+        tracing::warn!(link = link.name(), %entry, "an error from before was in the queue");
+    }
+    Ok(())
 }
 
 /// The number at the start of an answer, whatever unit follows it.

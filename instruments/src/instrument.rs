@@ -55,7 +55,10 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// Asks for one number.
     pub(crate) async fn number(&mut self, query: &str) -> Result<f64, LinkError> {
         let answer = self.link.query(query).await?;
-        leading_number(&answer).ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a number"))
+        // An overload (9.9E37) and a number that is none (9.91E37) are no readings.
+        leading_number(&answer)
+            .filter(|number| number.is_finite())
+            .ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a number"))
     }
 
     /// Asks for a voltage, then for a current.

@@ -20,12 +20,12 @@ impl Model for Julabo {
     }
 
     fn profile(&self) -> LinkProfile {
-        // The manual asks for 250 ms after a command and 10 ms after a query.
+        // The manual asks for 250 ms after a command and 10 ms after a query; what comes a little early on the way there is lost without a word.
         LinkProfile {
             grammar: Grammar::Plain,
             terminator: Terminator::Cr,
-            min_gap: ms(10),
-            write_gap: ms(250),
+            min_gap: ms(20),
+            write_gap: ms(300),
             error_query: None,
             strip_flow_bytes: true,
             ..LinkProfile::scpi()
@@ -68,7 +68,8 @@ impl Dialect for Julabo {
         let code = raw.split_whitespace().next().and_then(|code| code.parse::<i32>().ok());
         let warning_only = raw.to_ascii_uppercase().contains("WARNING");
         // −08…−11 complain of the last command; they say nothing of the bath.
-        let alarm = matches!(code, Some(code) if code < 0 && !(-11..=-8).contains(&code)) && !warning_only;
+        // What cannot be read is no good news.
+        let alarm = code.is_none_or(|code| code < 0 && !(-11..=-8).contains(&code)) && !(warning_only && code.is_some());
         Status { running: matches!(code, Some(1 | 3)), remote: !matches!(code, Some(0 | 1)), alarm: alarm.then(|| raw.clone()), raw }
     }
 }
@@ -86,6 +87,10 @@ mod tests {
             ("03 REMOTE START", true, true, false),
             ("-01 LOW LEVEL ALARM", false, true, true),
             ("-03 EXCESS TEMPERATURE WARNING", false, true, false),
+            ("-14 EXCESS TEMPERATURE PROTECTOR ALARM", false, true, true),
+            ("-20 WARNING: CLEAN CONDENSOR", false, true, false),
+            ("", false, true, true),
+            ("23.50", false, true, true),
             ("-09 COMMAND NOT ALLOWED IN CURRENT OPERATING MODE", false, true, false),
         ] {
             let status = JULABO.status(answer);

@@ -63,7 +63,11 @@ impl Instrument<dyn Dialect> {
     /// The link's; a read-back that differs.
     pub async fn sine(&mut self, sine: &Sine) -> Result<(), LinkError> {
         let script = self.dialect.sine(self.output_channel(), sine);
-        play(&mut self.link, &script).await
+        match play(&mut self.link, &script).await {
+            // The amplitude is clamped by the offset that it finds and the other way round; once more, and each finds the new one.
+            Err(LinkError::ReadBack { .. }) => play(&mut self.link, &script).await,
+            outcome => outcome,
+        }
     }
 
     /// As near to a steady offset as the instrument comes: its least sine, never another waveform that could bring an old amplitude back.

@@ -46,12 +46,20 @@ impl Dialect for Sdg {
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange> {
         let read_back = format!("C{channel}:OUTP?");
         if on {
-            return vec![Exchange::Set { message: format!("C{channel}:OUTP ON"), read_back, expect: Expect::Contains("OUTP ON") }];
+            return vec![Exchange::Set {
+                message: format!("C{channel}:OUTP ON"),
+                read_back,
+                expect: Expect::Contains("OUTP ON".to_owned()),
+            }];
         }
         vec![
-            Exchange::Set { message: format!("C{channel}:OUTP OFF"), read_back: read_back.clone(), expect: Expect::Contains("OUTP OFF") },
+            Exchange::Set {
+                message: format!("C{channel}:OUTP OFF"),
+                read_back: read_back.clone(),
+                expect: Expect::Contains("OUTP OFF".to_owned()),
+            },
             // With 50 Ω set, an open analog input would see twice the volts that were asked for.
-            Exchange::Set { message: format!("C{channel}:OUTP LOAD,HZ"), read_back, expect: Expect::Contains("LOAD,HZ") },
+            Exchange::Set { message: format!("C{channel}:OUTP LOAD,HZ"), read_back, expect: Expect::Contains("LOAD,HZ".to_owned()) },
         ]
     }
 
@@ -73,8 +81,8 @@ impl Dialect for Sdg {
 
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
         let mut script = self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset });
-        let mut off = |message: String, read_back: String, text| {
-            script.push(Exchange::Set { message, read_back, expect: Expect::Contains(text) });
+        let mut off = |message: String, read_back: String, text: &str| {
+            script.push(Exchange::Set { message, read_back, expect: Expect::Contains(text.to_owned()) });
         };
         off(format!("C{channel}:OUTP PLRT,NOR"), format!("C{channel}:OUTP?"), "PLRT,NOR");
         for modifier in ["BTWV", "SWWV", "MDWV"] {

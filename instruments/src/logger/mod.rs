@@ -3,7 +3,7 @@
 mod keysight_34970a;
 
 use crate::{
-    exchange::{Exchange, play},
+    exchange::{Exchange, forget_errors, play},
     instrument::{Instrument, Model},
     link::LinkError,
     scpi::message::{Field, parse_response},
@@ -30,6 +30,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The first message that was refused.
     pub async fn configure(&mut self) -> Result<(), LinkError> {
+        forget_errors(&mut self.link).await?;
         let script = self.dialect.configure(&self.ascending());
         play(&mut self.link, &script).await
     }

@@ -121,7 +121,7 @@ pub struct Queries {
     pub stopped: &'static str,
     /// Points of the acquisition.
     pub points: &'static str,
-    /// Points of the greatest page.
+    /// Points of the greatest page, as announced; a page may be shorter.
     pub page: &'static str,
     /// Descriptor of the chosen channel (a block).
     pub preamble: &'static str,
@@ -195,7 +195,10 @@ pub trait Dialect: Model {
     /// What was expected of the descriptor.
     fn preamble(&self, block: &[u8]) -> Result<Preamble, String>;
     /// Reads the samples of a page.
-    fn codes(&self, block: &[u8]) -> Vec<i16>;
+    ///
+    /// # Errors
+    /// What was expected of the page.
+    fn codes(&self, block: &[u8]) -> Result<Vec<i16>, String>;
 }
 
 /// Every known model.
@@ -252,6 +255,21 @@ impl Instrument<dyn Dialect> {
             .filter(|count| *count >= 1.0)
             .ok_or_else(|| LinkError::unexpected(self.link.name(), queries.points, &answer, "a number of points"))?;
         let stride = ((in_memory / points.max(1) as f64).round() as u64).max(1);
+        let waveform = self.transfer(channel, stride).await?;
+        if waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride) {
+            return Ok(waveform);
+        }
+        // Whether the start of a second page counts points of the record or those left by the stride is written nowhere: what the scope thins out
+        // must fit one page, the rest is thinned out here. How long a page is shows when it comes; some are shorter than announced.
+        let mut whole = self.transfer(channel, 1).await?;
+        whole.codes = whole.codes.into_iter().step_by(usize::try_from(stride).unwrap_or(usize::MAX)).collect();
+        whole.interval_s *= stride as f64;
+        Ok(whole)
+    }
+
+    /// Downloads one channel with a stride; with a stride above 1, one page of it.
+    async fn transfer(&mut self, channel: u8, stride: u64) -> Result<Waveform, LinkError> {
+        let queries = self.dialect.queries();
         self.set(&Intent::Transfer { channel, stride }).await?;
         let block = self.link.query_block(queries.preamble).await?;
         let preamble = self
@@ -259,25 +277,25 @@ impl Instrument<dyn Dialect> {
             .preamble(&block)
             .map_err(|expected| LinkError::unexpected(self.link.name(), queries.preamble, &format!("{} bytes", block.len()), &expected))?;
         let total = preamble.points.div_ceil(stride);
-        let codes = self.pages(total).await?;
+        let mut codes = self.page(0, total).await?;
+        while stride == 1 && (codes.len() as u64) < total {
+            let start = codes.len() as u64;
+            self.set(&Intent::Page { start }).await?;
+            codes.extend(self.page(start, total).await?);
+        }
+        codes.truncate(usize::try_from(total).unwrap_or(usize::MAX));
         Ok(Waveform { channel, codes, preamble, interval_s: preamble.interval_s * stride as f64 })
     }
 
-    async fn pages(&mut self, total: u64) -> Result<Vec<i16>, LinkError> {
-        let queries = self.dialect.queries();
-        let mut codes = Vec::new();
-        while (codes.len() as u64) < total {
-            self.set(&Intent::Page { start: codes.len() as u64 }).await?;
-            let block = self.link.query_block(queries.data).await?;
-            let page = self.dialect.codes(&block);
-            if page.is_empty() {
-                let met = format!("an empty page after {} of {total} points", codes.len());
-                return Err(LinkError::unexpected(self.link.name(), queries.data, &met, "samples"));
-            }
-            codes.extend(page);
-        }
-        codes.truncate(usize::try_from(total).unwrap_or(usize::MAX));
-        Ok(codes)
+    async fn page(&mut self, start: u64, total: u64) -> Result<Vec<i16>, LinkError> {
+        let query = self.dialect.queries().data;
+        let block = self.link.query_block(query).await?;
+        let unexpected = |expected: &str| {
+            let met = format!("a page of {} bytes after {start} of {total} points", block.len());
+            LinkError::unexpected(self.link.name(), query, &met, expected)
+        };
+        let codes = self.dialect.codes(&block).map_err(|expected| unexpected(&expected))?;
+        if codes.is_empty() { Err(unexpected("samples")) } else { Ok(codes) }
     }
 
     /// Leaves the panel usable: a scope drives nothing, so that there is nothing to switch off.

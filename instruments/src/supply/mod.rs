@@ -3,7 +3,7 @@
 mod siglent_spd;
 
 use crate::{
-    exchange::{Exchange, play, play_all},
+    exchange::{Exchange, forget_errors, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Volts},
@@ -56,6 +56,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, charge: &Charge) -> Result<(), LinkError> {
+        forget_errors(&mut self.link).await?;
         play(&mut self.link, &self.dialect.output(false)).await?;
         play(&mut self.link, &self.dialect.prepare(charge)).await
     }

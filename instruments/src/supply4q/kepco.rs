@@ -11,7 +11,7 @@ use crate::{
     units::{Amps, Volts},
 };
 
-/// Kepco BOP 20-50MG/GL class, 1 kW, analog input selected by command; here the 20 V / 20 A member of the family.
+/// Kepco BOP 1KW 50-20MG/GL, analog input selected by command: the 20 A member of the family.
 pub(super) const BOP_MG: Kepco = Kepco { key: "kepco-bop-mg", analog_select: AnalogSelect::Command };
 /// Kepco BOP 20-20M/D/ML, linear, with a BIT card.
 pub(super) const BOP_LINEAR: Kepco = Kepco { key: "kepco-bop-linear", analog_select: AnalogSelect::Wiring };
@@ -19,6 +19,8 @@ pub(super) const BOP_LINEAR: Kepco = Kepco { key: "kepco-bop-linear", analog_sel
 /// Decimals of what is sent, and tolerance of what is read back: the display of a 20 A instrument rounds to a milliampere.
 const READ_BACK: (usize, f64) = (4, 5.0e-3);
 
+/// The linear units end at 400 W, the switching ones have 1 kW.
+const SWITCHING_FROM_W: f64 = 1000.0;
 /// Full scale of the members that this driver knows.
 const FULL_SCALE: Amps = Amps(20.0);
 
@@ -38,8 +40,16 @@ impl Model for Kepco {
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
+        let raw = identity.raw.to_ascii_uppercase();
+        let rating = rating(&identity.model);
+        let switching = raw.contains("1KW") || rating.is_some_and(|(volts, amps)| volts * amps >= SWITCHING_FROM_W);
         // The family spans 10 V / 75 A to 200 V / 1 A: volts at the analog input mean other amperes on another member.
-        identity.raw.to_ascii_uppercase().starts_with("KEPCO") && rated_current(&identity.raw).is_none_or(|amps| amps == FULL_SCALE.value())
+        let rated = rating.map(|(_, amps)| (amps - FULL_SCALE.value()).abs() < 0.5);
+        match self.analog_select {
+            AnalogSelect::Command => raw.starts_with("KEPCO") && switching && rated == Some(true),
+            // Old cards name themselves instead of their unit; no linear unit has more than 20 A.
+            AnalogSelect::Wiring => raw.starts_with("KEPCO") && !switching && rated.unwrap_or(true),
+        }
     }
 }
 
@@ -48,7 +58,10 @@ impl Dialect for Kepco {
         Capabilities {
             analog_select: self.analog_select,
             full_scale: FULL_SCALE,
-            full_scale_voltage: Volts(20.0),
+            full_scale_voltage: Volts(match self.analog_select {
+                AnalogSelect::Command => 50.0,
+                AnalogSelect::Wiring => 20.0,
+            }),
             analog_full_scale: Volts(10.0),
             open_when_off: self.analog_select == AnalogSelect::Command,
         }
@@ -68,14 +81,17 @@ impl Dialect for Kepco {
     }
 
     fn prepare(&self, limits: &Limits) -> Vec<Exchange> {
-        let mut script = Vec::new();
+        let mut script = vec![Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"])];
         if self.analog_select == AnalogSelect::Command {
+            // Acts on the main channel, so that the mode comes first.
             script.push(Exchange::word("CURR:MODE FIX", "CURR:MODE?", &["FIX", "FIXED"]));
         }
-        script.push(Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"]));
         script.push(Exchange::fixed("CURR", 0.0, READ_BACK));
         script.push(Exchange::fixed("VOLT", limits.compliance.value(), READ_BACK));
         if self.analog_select == AnalogSelect::Command {
+            // Left at EXT, pins of the analog port would set the limits and the digital ones have no effect.
+            script.push(Exchange::word("VOLT:PROT:MODE FIX", "VOLT:PROT:MODE?", &["FIX", "FIXED"]));
+            script.push(Exchange::word("CURR:PROT:MODE FIX", "CURR:PROT:MODE?", &["FIX", "FIXED"]));
             // In current mode the protection channel is the voltage; only the software limit bounds the current.
             script.push(both_signs("CURR:LIM", limits.current.value()));
         }
@@ -95,12 +111,12 @@ impl Dialect for Kepco {
     }
 }
 
-/// The ampere in `V-A` of an identity such as `KEPCO,BOP1KW 50-20 ,E156884, 2.01`; old cards do not tell it.
-fn rated_current(identity: &str) -> Option<f64> {
-    identity.split([',', ' ']).find_map(|word| {
+/// Rated volts and amperes in a model such as `BOP1KW 50-20` or `BOP 20-20M`.
+fn rating(model: &str) -> Option<(f64, f64)> {
+    model.split_whitespace().find_map(|word| {
         let (volts, amps) = word.split_once('-')?;
-        volts.parse::<f64>().ok()?;
-        amps.trim_end_matches(|c: char| c.is_ascii_alphabetic()).parse().ok()
+        let digits = amps.find(|c: char| !c.is_ascii_digit()).unwrap_or(amps.len());
+        Some((volts.parse().ok()?, amps.get(..digits)?.parse().ok()?))
     })
 }
 
@@ -131,23 +147,38 @@ mod tests {
     #[test]
     fn the_switching_family_selects_the_analog_input_by_command_and_the_linear_one_never_sends_it() {
         let limits = Limits { compliance: Volts(5.0), current: Amps(3.0) };
-        assert_eq!(words(&BOP_MG.prepare(&limits)), ["CURR:MODE FIX", "FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000", "CURR:LIM 3.0000"]);
+        assert_eq!(
+            words(&BOP_MG.prepare(&limits)),
+            [
+                "FUNC:MODE CURR",
+                "CURR:MODE FIX",
+                "CURR 0.0000",
+                "VOLT 5.0000",
+                "VOLT:PROT:MODE FIX",
+                "CURR:PROT:MODE FIX",
+                "CURR:LIM 3.0000"
+            ]
+        );
         assert_eq!(words(&BOP_MG.analog(true)), ["CURR:MODE EXT"]);
         assert_eq!(words(&BOP_LINEAR.prepare(&limits)), ["FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000"]);
         assert_eq!(BOP_LINEAR.analog(true), []);
     }
 
     #[test]
-    fn another_member_of_the_family_is_not_taken_for_this_one() {
-        for (raw, known) in [
-            ("KEPCO,BOP1KW 50-20 ,E156884, 2.01", true),
-            ("KEPCO,BOP 20-20M,E1234,2.6", true),
-            ("KEPCO BOP BIT232 REV. 3.1", true),
-            ("KEPCO,BOP 20-50MG,E1,2.01", false),
-            ("KEPCO,BOP1KW 10-75,E1,2.01", false),
-            ("ACME,BOP 20-20,1,1", false),
+    fn a_unit_of_the_other_family_or_another_rating_is_not_taken_for_ones_own() {
+        for (answer, switching, linear) in [
+            ("KEPCO,BOP1KW 50-20 ,E156884, 2.01", true, false),
+            ("KEPCO,BOP 50-20,E1234,2.6", true, false),
+            ("KEPCO,BOP 50-20MG,E1234,2.6", true, false),
+            ("KEPCO,BOP1KW 20-50 ,E156884, 2.01", false, false),
+            ("KEPCO,BOP1KW,E156884,2.01", false, false),
+            ("KEPCO,BOP 20-20M,E1234,2.6", false, true),
+            ("KEPCO,BOP 100-1M,E1234,2.6", false, false),
+            ("KEPCO BOP BIT232 REV. 3.1", false, true),
+            ("ACME,BOP 20-20,1,1", false, false),
         ] {
-            assert_eq!(BOP_MG.recognises(&Identity::parse(raw)), known, "{raw}");
+            let identity = Identity::parse(answer);
+            assert_eq!((BOP_MG.recognises(&identity), BOP_LINEAR.recognises(&identity)), (switching, linear), "{answer}");
         }
     }
 

@@ -6,7 +6,7 @@
 mod kepco;
 
 use crate::{
-    exchange::{Exchange, play, play_all},
+    exchange::{Exchange, forget_errors, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Volts},
@@ -78,6 +78,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, limits: &Limits) -> Result<(), LinkError> {
+        forget_errors(&mut self.link).await?;
         play(&mut self.link, &self.dialect.output(false)).await?;
         play(&mut self.link, &self.dialect.prepare(limits)).await
     }
