@@ -128,6 +128,20 @@ pub struct Identified {
     pub recognised: bool,
 }
 
+impl Identified {
+    /// Refuses an instrument that is not the configured model.
+    ///
+    /// # Errors
+    /// [`BenchError::Identity`].
+    pub fn expected(&self) -> Result<(), BenchError> {
+        if self.recognised {
+            return Ok(());
+        }
+        let (model, address, found) = (self.model.clone(), self.address.clone(), self.identity.raw.clone());
+        Err(BenchError::Identity { role: self.role, model, address, found })
+    }
+}
+
 macro_rules! open {
     ($module:ident, $connections:expr, $role:literal, $instrument:expr) => {
         match $instrument {
@@ -220,15 +234,8 @@ impl Bench {
     /// Also [`BenchError::Identity`].
     pub async fn identify_strictly(&mut self) -> Result<Vec<Identified>, BenchError> {
         let found = self.identify().await?;
-        match found.iter().find(|instrument| !instrument.recognised) {
-            None => Ok(found),
-            Some(other) => Err(BenchError::Identity {
-                role: other.role,
-                model: other.model.clone(),
-                address: other.address.clone(),
-                found: other.identity.raw.clone(),
-            }),
-        }
+        found.iter().try_for_each(Identified::expected)?;
+        Ok(found)
     }
 
     /// Switches everything off that can move charge, and proves it: each output is read back, and half a second later no current may flow.

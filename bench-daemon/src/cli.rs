@@ -4,6 +4,7 @@ use std::{path::PathBuf, process::ExitCode};
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::terminal::remark;
 use crate::{
     command::{self, Failure},
     logging::{self, Verbosity},
@@ -156,7 +157,7 @@ pub fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("eis-bench: {failure}");
+            remark!("eis-bench: {failure}");
             ExitCode::from(Failure::exit_code(&failure))
         }
     }

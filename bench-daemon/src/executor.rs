@@ -6,7 +6,6 @@ mod sine;
 
 use instruments::{
     clock::Clock,
-    link::LinkError,
     mock::plant::Fixture,
     scope::Vertical,
     supply4q,
@@ -233,11 +232,10 @@ impl<'a> Executor<'a> {
             reading.voltage_v = None;
         }
         self.judge("idle", reading)?;
-        let allowed_a = IDLE_CURRENT_A.min(0.5 * self.experiment.eis.amplitude_a);
-        if idle_a.abs() > allowed_a {
+        if idle_a.abs() > IDLE_CURRENT_A {
             return Err(ExecuteError::Disobeyed {
                 what: "bipolar supply with its command at zero".to_owned(),
-                expected: format!("less than {allowed_a:.3} A"),
+                expected: format!("less than {IDLE_CURRENT_A} A"),
                 met: format!("{idle_a:.3} A: adjust wiring.command_offset"),
             });
         }
@@ -277,7 +275,12 @@ impl<'a> Executor<'a> {
 
     async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
         let error = self.bench.error("supply4q");
-        let (volts, amps) = require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?;
+        let (mut volts, amps) = require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?;
+        // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at the jig.
+        let error = self.bench.error("load");
+        if let Some(load) = self.bench.load.as_mut() {
+            volts = load.measure().await.map_err(error)?.0;
+        }
         let temperature_c = self.temperature_now_and_then().await?;
         Ok(Reading { time_s: self.clock.now_s(), voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
     }
@@ -317,12 +320,4 @@ fn require<'b, T>(instrument: &'b mut Option<T>, role: &'static str) -> Result<&
 fn first(mut failures: Vec<BenchError>) -> BenchError {
     // Never empty: an empty list is no failure.
     failures.drain(..).next().unwrap_or(BenchError::Missing { role: "supply4q" })
-}
-
-/// Whether an error says that an instrument cannot be talked to any more.
-pub fn is_link_error(error: &ExecuteError) -> Option<&LinkError> {
-    match error {
-        ExecuteError::Bench(BenchError::Link { source, .. }) => Some(source),
-        _ => None,
-    }
 }

@@ -19,3 +19,4 @@ pub mod procedure;
 pub mod progress;
 pub mod record;
 pub mod sim;
+pub mod terminal;

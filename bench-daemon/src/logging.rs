@@ -3,7 +3,7 @@
 use std::{
     fmt,
     fs::File,
-    io::{self, Write},
+    io::{self, IsTerminal, Write},
     path::Path,
     sync::{Arc, Mutex, OnceLock},
 };
@@ -38,7 +38,12 @@ pub fn start(verbosity: Verbosity) {
         Verbosity::Verbose => LevelFilter::INFO,
         Verbosity::Debug => LevelFilter::DEBUG,
     };
-    let terminal = tracing_subscriber::fmt::layer().with_writer(io::stderr).with_timer(BenchTime).with_target(false).with_filter(level);
+    let terminal = tracing_subscriber::fmt::layer()
+        .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal())
+        .with_timer(BenchTime)
+        .with_target(false)
+        .with_filter(level);
     let file = tracing_subscriber::fmt::layer()
         .with_writer(|| RunLog)
         .with_timer(BenchTime)

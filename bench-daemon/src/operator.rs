@@ -1,8 +1,10 @@
 //! The person at the bench, asked on the terminal to change the fixture.
 
-use std::io::{BufRead, IsTerminal, Write};
+use std::io::{BufRead, IsTerminal};
 
 use instruments::mock::plant::Fixture;
+
+use crate::terminal::remark;
 
 /// A person who could not be asked, or did not confirm.
 #[derive(Debug, thiserror::Error)]
@@ -10,9 +12,9 @@ pub enum OperatorError {
     /// No terminal.
     #[error("a person must change the fixture ([instruments.jig] model = \"person\"), but standard input is no terminal: run on one")]
     NoTerminal,
-    /// Something else than `done` was typed.
-    #[error("expected `done` after the fixture was changed, found {0:?}")]
-    NotConfirmed(String),
+    /// The input ended before the change was confirmed.
+    #[error("expected `done` after the fixture was changed, found the end of the input")]
+    NotConfirmed,
 }
 
 /// How the person is asked.
@@ -44,15 +46,21 @@ impl Operator {
             Fixture::FakeCell => "Clamp the fake cell into the jig, voltage probes C3 (−) and C4 (+) on its Kelvin contacts.",
         };
         // Waiting for a person blocks a thread of its own; the bench is off meanwhile.
-        let answer = tokio::task::spawn_blocking(move || {
-            eprint!("\n{text}\nAll outputs are off. Type `done` when it is so: ");
-            let _ = std::io::stderr().flush();
+        let ask = move || {
             let mut line = String::new();
-            let _ = std::io::stdin().lock().read_line(&mut line);
-            line.trim().to_owned()
-        })
-        .await
-        .unwrap_or_default();
-        if answer == "done" { Ok(()) } else { Err(OperatorError::NotConfirmed(answer)) }
+            remark!(
+                "\n{text}\nAll outputs are off, but an output that is off is no open switch: mind the terminals. Type `done` when it is so:"
+            );
+            // The end of the input is an answer too: nobody is there any more.
+            while std::io::stdin().lock().read_line(&mut line).is_ok_and(|read| read > 0) {
+                if line.trim() == "done" {
+                    return Ok(());
+                }
+                remark!("expected `done`, found {:?}; Ctrl-C stops the run", line.trim());
+                line.clear();
+            }
+            Err(OperatorError::NotConfirmed)
+        };
+        tokio::task::spawn_blocking(ask).await.unwrap_or(Err(OperatorError::NotConfirmed))
     }
 }

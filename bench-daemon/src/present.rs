@@ -56,7 +56,7 @@ pub fn fit_warnings(fits: &[ErmFit]) -> Vec<Verdict> {
 pub fn objective(fit: &ErmFit) -> String {
     match fit.objective_kind {
         Objective::Complex => significant(fit.objective, 5),
-        kind => format!("{:.6} {}", fit.objective, kind.unit()),
+        kind => format!("{} {}", significant(fit.objective, 5), kind.unit()),
     }
 }
 

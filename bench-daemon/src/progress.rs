@@ -1,13 +1,13 @@
 //! What the person watching sees: a bar with the time left.
 
-use std::{
-    cell::Cell,
-    io::{IsTerminal, Write},
-};
+use std::{cell::Cell, io::IsTerminal};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::plan::{Plan, Step};
+use crate::{
+    plan::{Plan, Step},
+    terminal::remark,
+};
 
 /// Progress through a plan, by expected bench time.
 #[derive(Debug)]
@@ -38,8 +38,7 @@ impl Progress {
         self.bar.set_message(format!("{stage}: {step}"));
         let known = stage.bytes().fold(1_u64, |hash, byte| hash.wrapping_mul(31).wrapping_add(u64::from(byte)));
         if !self.terminal && self.stage.replace(known) != known {
-            // A reader that is gone is no reason to stop a measurement.
-            let _ = writeln!(std::io::stderr(), "{stage} …");
+            remark!("{stage} …");
         }
     }
 

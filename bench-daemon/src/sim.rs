@@ -46,11 +46,9 @@ pub enum SimError {
     },
 }
 
-/// A simulated world and its scenario.
+/// A simulated world.
 pub struct Simulation {
     world: Arc<Mutex<SimulatedBench>>,
-    /// The scenario as it was read.
-    pub scenario: Source,
 }
 
 /// Where a mock listens.
@@ -73,7 +71,7 @@ impl Simulation {
         let source = Source::read(path)?;
         let scenario: Scenario = source.parse()?;
         let world = SimulatedBench::new(&scenario, seed).map_err(|error| source.complain(&error.field, error.to_string()))?;
-        Ok(Self { world: Arc::new(Mutex::new(world)), scenario: source })
+        Ok(Self { world: Arc::new(Mutex::new(world)) })
     }
 
     /// The world behind the mocks; only tests look at it.

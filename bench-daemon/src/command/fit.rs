@@ -4,7 +4,7 @@ use std::path::Path;
 
 use analysis::{
     dataset,
-    fit::{ErmFit, FitEntry, FitOptions, FitReport, ModelFile, Objective, PackModel, fit_erm},
+    fit::{Bounds, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective, PackModel, fit_erm},
     formats::{SourcedSpectrum, read_sourced},
     pack::Pack,
     plot::{self, FigureInput, ImpedancePlot, Series, SeriesStyle},
@@ -12,14 +12,12 @@ use analysis::{
     spectrum::Spectrum,
 };
 
+use crate::terminal::{remark, say};
 use crate::{
     cli::FitArgs,
     command::Failure,
     present::{self, branches_table, fit_warnings, models_table},
 };
-
-/// Highest order.
-const MAX_RC: usize = 8;
 
 /// The spectra that one set of models belongs to.
 struct Group {
@@ -44,8 +42,14 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     let mut fitted = Vec::new();
     for mut group in groups {
         for &rc in &orders {
-            let options = FitOptions { rc, objective, seed: args.seed, ..FitOptions::default() };
+            let options = FitOptions { rc, objective, seed: args.seed, bounds: bounds(&group.spectra) };
             let fit = fit_erm(&group.spectra, &options).map_err(|error| Failure::Usage(format!("{}, {rc} RC: {error}", group.name)))?;
+            if !fit.objective.is_finite() {
+                return Err(Failure::Usage(format!(
+                    "{}, {rc} RC: expected impedances that can be squared, found too large ones",
+                    group.name
+                )));
+            }
             group.fits.push(fit);
         }
         fitted.push(group);
@@ -63,9 +67,23 @@ fn orders(text: &str) -> Result<Vec<usize>, Failure> {
     if text == "all" {
         return Ok(vec![1, 2, 3, 4]);
     }
-    let fail = || Failure::Usage(format!("--rc: expected `all` or numbers from 1 to {MAX_RC} separated by commas, found {text:?}"));
+    let fail =
+        || Failure::Usage(format!("--rc: expected `all` or different numbers from 1 to {MAX_RC} separated by commas, found {text:?}"));
     let orders: Vec<usize> = text.split(',').map(|order| order.trim().parse().map_err(|_| fail())).collect::<Result<_, _>>()?;
-    if orders.iter().all(|order| (1..=MAX_RC).contains(order)) { Ok(orders) } else { Err(fail()) }
+    let distinct: std::collections::BTreeSet<usize> = orders.iter().copied().collect();
+    let sound = distinct.len() == orders.len() && distinct.iter().all(|order| (1..=MAX_RC).contains(order));
+    if sound { Ok(orders) } else { Err(fail()) }
+}
+
+/// The thesis' bounds, which suit power cells; moved by powers of ten for impedances of another size.
+fn bounds(spectra: &[Spectrum]) -> Bounds {
+    let thesis = Bounds::default();
+    let greatest = spectra.iter().flat_map(|spectrum| &spectrum.points).map(|point| point.z_ohm.norm()).fold(0.0, f64::max);
+    if greatest <= 0.0 || (0.01 * thesis.r_ohm.1..=0.5 * thesis.r_ohm.1).contains(&greatest) {
+        return thesis;
+    }
+    let factor = 10.0_f64.powf((greatest / (0.5 * thesis.r_ohm.1)).log10().ceil());
+    Bounds { r_ohm: (thesis.r_ohm.0 * factor, thesis.r_ohm.1 * factor), c_f: (thesis.c_f.0 / factor, thesis.c_f.1 / factor) }
 }
 
 /// The spectra to be fitted, and the control impedances that came with them. Sweeps with a bias belong to neither.
@@ -86,7 +104,7 @@ fn read(args: &FitArgs) -> Result<(Vec<Spectrum>, Vec<Spectrum>), Failure> {
         }
     }
     if !passed_over.is_empty() {
-        eprintln!("not fitted, for they are controls or carry a direct current: {}", passed_over.join(", "));
+        remark!("not fitted, for they are controls or carry a direct current: {}", passed_over.join(", "));
     }
     if cells.is_empty() {
         return Err(Failure::Usage("expected at least one spectrum of a cell without direct current, found none".to_owned()));
@@ -101,17 +119,18 @@ fn report_of(fitted: &[Group]) -> FitReport {
 
 fn print_json(fitted: &[Group]) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(&report_of(fitted)).map_err(|error| Failure::Analysis(error.to_string()))?;
-    println!("{text}");
+    say!("{text}");
     Ok(())
 }
 
 fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
     for group in fitted {
         let points: usize = group.spectra.iter().map(|spectrum| spectrum.points.len()).sum();
-        println!("{}: {} spectra, {points} points, objective {}", group.name, group.spectra.len(), args.objective);
+        let plural = if group.spectra.len() == 1 { "spectrum" } else { "spectra" };
+        say!("{}: {} {plural}, {points} points, objective {}", group.name, group.spectra.len(), args.objective);
         for fit in &group.fits {
             let (rc, dc) = (fit.erm.branches.len(), 1.0e3 * fit.erm.dc_resistance_ohm());
-            println!(
+            say!(
                 "  {rc} RC: objective {}, R {} mΩ, DC resistance {} mΩ",
                 present::objective(fit),
                 present::significant(1.0e3 * fit.erm.r_ohm, 5),
@@ -120,15 +139,15 @@ fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
             for branch in &fit.erm.branches {
                 let tau = present::significant(branch.r_ohm * branch.c_f, 4);
                 let (r, c) = (present::significant(1.0e3 * branch.r_ohm, 5), present::significant(branch.c_f, 5));
-                println!("        {r:>8} mΩ ∥ {c:>8} F   τ {tau} s");
+                say!("        {r:>8} mΩ ∥ {c:>8} F   τ {tau} s");
             }
             for warning in &fit.warnings {
-                println!("        note: {warning}");
+                say!("        note: {warning}");
             }
         }
     }
     if let Some(folder) = &args.out {
-        println!("written to {}", folder.display());
+        say!("written to {}", folder.display());
     }
     Ok(())
 }

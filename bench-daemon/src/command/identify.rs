@@ -7,11 +7,12 @@ use instruments::{
     transport::{Address, MemoryHub},
 };
 
+use crate::terminal::say;
 use crate::{
-    bench::{Bench, Connections},
+    bench::{Bench, BenchError, Connections, Identified},
     cli::IdentifyArgs,
     command::Failure,
-    config::load_bench,
+    config::{self, load_bench},
     sim::Simulation,
 };
 
@@ -31,19 +32,45 @@ pub fn identify(args: &IdentifyArgs) -> Result<(), Failure> {
         if let Some(simulation) = &simulation {
             simulation.serve_in_process(&config, &clock, &hub)?;
         }
-        let mut bench = Bench::open(&config, &Connections { clock, hub, taps: BTreeMap::new() }).await?;
-        let found = bench.identify().await?;
-        if args.json {
-            let text = serde_json::to_string_pretty(&found).map_err(|error| Failure::Analysis(error.to_string()))?;
-            println!("{text}");
-        } else {
-            for instrument in &found {
-                let verdict = if instrument.recognised { "ok" } else { "NOT THE CONFIGURED MODEL" };
-                let (role, model, raw) = (instrument.role, &instrument.model, &instrument.identity.raw);
-                println!("{role:<10} {model:<20} {address:<32} {raw}  [{verdict}]", address = instrument.address);
+        let mut found = Vec::new();
+        let mut failures = Vec::new();
+        for (role, instrument) in config.instruments.addressed() {
+            let one = config::Bench { instruments: config.instruments.only(role), ..config.clone() };
+            let connections = Connections { clock: clock.clone(), hub: hub.clone(), taps: BTreeMap::new() };
+            match ask(&one, &connections).await {
+                Ok(identified) => {
+                    if !args.json {
+                        identified.iter().for_each(print_line);
+                    }
+                    found.extend(identified);
+                }
+                // One that is silent must not hide the others.
+                Err(error) => {
+                    if !args.json {
+                        say!("{role:<10} {model:<20} {address:<32} {error}", model = instrument.model, address = instrument.address);
+                    }
+                    failures.push(error);
+                }
             }
         }
-        bench.identify_strictly().await?;
+        if args.json {
+            let text = serde_json::to_string_pretty(&found).map_err(|error| Failure::Analysis(error.to_string()))?;
+            say!("{text}");
+        }
+        if let Some(error) = failures.into_iter().next() {
+            return Err(error.into());
+        }
+        found.iter().try_for_each(Identified::expected)?;
         Ok(())
     })
+}
+
+async fn ask(config: &config::Bench, connections: &Connections) -> Result<Vec<Identified>, BenchError> {
+    Bench::open(config, connections).await?.identify().await
+}
+
+fn print_line(instrument: &Identified) {
+    let verdict = if instrument.recognised { "ok" } else { "NOT THE CONFIGURED MODEL" };
+    let (role, model, raw) = (instrument.role, &instrument.model, &instrument.identity.raw);
+    say!("{role:<10} {model:<20} {address:<32} {raw}  [{verdict}]", address = instrument.address);
 }

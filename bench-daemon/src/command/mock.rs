@@ -4,6 +4,7 @@ use std::path::Path;
 
 use instruments::clock::{Clock, TimeMode};
 
+use crate::terminal::say;
 use crate::{
     cli::MockArgs,
     command::{Failure, run::StopSignals},
@@ -38,11 +39,11 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
         if args.json {
             let addresses: serde_json::Map<String, serde_json::Value> =
                 served.iter().map(|mock| (mock.role.to_owned(), mock.address.clone().into())).collect();
-            println!("{}", serde_json::json!({ "bench": bench.name, "time": mode.to_string(), "addresses": addresses }));
+            say!("{}", serde_json::json!({ "bench": bench.name, "time": mode.to_string(), "addresses": addresses }));
         } else {
-            println!("bench {} in {mode} time; Ctrl-C ends it", bench.name);
+            say!("bench {} in {mode} time; Ctrl-C ends it", bench.name);
             for mock in &served {
-                println!("  {:<10} {:<20} {}", mock.role, mock.model, mock.address);
+                say!("  {:<10} {:<20} {}", mock.role, mock.model, mock.address);
             }
         }
         stop.requested().await;

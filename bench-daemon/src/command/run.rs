@@ -22,6 +22,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
+use crate::terminal::say;
 use crate::{
     bench::{Bench, BenchError, Connections, Identified},
     cli::RunArgs,
@@ -79,7 +80,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     experiment.seed = args.seed.unwrap_or(experiment.seed);
     let folder = args.out.clone().unwrap_or_else(|| free_folder(&experiment.name));
     let finished = run_experiment(&experiment, &folder)?;
-    print!("{}", finished.summary);
+    say!("{}", finished.summary.trim_end());
     Ok(())
 }
 
@@ -102,12 +103,16 @@ pub fn run_experiment(experiment: &Experiment, folder: &Path) -> Result<Finished
     let operator = Operator::detect();
     refuse_without_person(experiment, operator)?;
     let mode = experiment.bench.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time);
-    Clock::runtime(mode)?.block_on(async {
+    let runtime = Clock::runtime(mode)?;
+    let outcome = runtime.block_on(async {
         let clock = Clock::start(mode);
         let recorder = Recorder::create(folder, clock.clone())?;
         logging::log_to(&recorder.path("log.txt"), &clock)?;
         Box::pin(Run { experiment, plan: &plan, clock, operator, recorder }.go()).await
-    })
+    });
+    // A thread that still waits for a person's answer must not hold up the end.
+    runtime.shutdown_background();
+    outcome
 }
 
 /// A sweep that begins with a person changing the fixture must not fail in the middle of the night for want of one.
@@ -144,9 +149,6 @@ impl Run<'_> {
         }
         let hub = MemoryHub::new();
         let simulation = self.simulate(&hub)?;
-        if let Some(simulation) = &simulation {
-            self.recorder.text("config/scenario.toml", simulation.scenario.text())?;
-        }
         let mut taps = BTreeMap::new();
         for (role, _) in self.experiment.bench.instruments.addressed() {
             taps.insert(role, self.recorder.tap(role)?);
@@ -171,19 +173,25 @@ impl Run<'_> {
         let readings = self.recorder.finish_readings();
         match outcome {
             Ok(measured) => {
-                readings?;
-                let summary = results::write(&mut self.recorder, self.experiment, &measured)?;
+                let summary = readings
+                    .map_err(Failure::from)
+                    .and_then(|()| results::write(&mut self.recorder, self.experiment, &measured))
+                    .inspect_err(|failure| self.ended_early(&identities, "measured, but not evaluated", failure))?;
                 self.manifest(&identities, "finished")?;
                 Ok(Finished { measured, summary, simulation })
             }
             Err(failure) => {
-                tracing::error!("{failure}");
-                // The reason for the end outweighs a manifest that cannot be written.
-                if let Err(error) = self.manifest(&identities, &format!("ended early: {failure}")) {
-                    tracing::error!("{error}");
-                }
+                self.ended_early(&identities, "ended early", &failure);
                 Err(failure)
             }
+        }
+    }
+
+    /// The reason for the end outweighs a manifest that cannot be written.
+    fn ended_early(&self, identities: &[Identified], how: &str, failure: &Failure) {
+        tracing::info!("{how}: {failure}");
+        if let Err(error) = self.manifest(identities, &format!("{how}: {failure}")) {
+            tracing::error!("{error}");
         }
     }
 

@@ -1,6 +1,7 @@
-//! Configuration: files as typed (`raw`), read with line numbers (`source`) and units (`quantity`), checked once (`resolve`). What comes out
+//! Configuration: files as typed (`raw`), read with line numbers (`source`) and units (`quantity`), checked once (`resolve`, `check`). What comes out
 //! of here is complete and within the limits of cell and instruments; nothing is energised before that.
 
+mod check;
 pub mod quantity;
 mod raw;
 mod resolve;
@@ -11,7 +12,7 @@ use std::path::PathBuf;
 use analysis::{calibration::KnownImpedance, fit::Objective};
 use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
 
-pub(crate) use resolve::LOAD_CUT_OFF_V;
+pub(crate) use check::LOAD_CUT_OFF_V;
 pub use resolve::{load_bench, load_experiment};
 pub use source::{ConfigError, Source};
 
@@ -77,6 +78,22 @@ pub struct Instruments {
 }
 
 impl Instruments {
+    /// The same with one role only.
+    #[must_use]
+    pub fn only(&self, role: &str) -> Self {
+        let keep = |name: &str, instrument: &Option<Instrument>| instrument.clone().filter(|_| name == role);
+        Self {
+            supply4q: keep("supply4q", &self.supply4q),
+            generator: keep("generator", &self.generator),
+            scope: keep("scope", &self.scope),
+            load: keep("load", &self.load),
+            supply: keep("supply", &self.supply),
+            chiller: keep("chiller", &self.chiller),
+            logger: self.logger.clone().filter(|_| role == "logger"),
+            jig: self.jig.clone().filter(|_| role == "jig"),
+        }
+    }
+
     /// Every instrument with an address, in a fixed order.
     pub fn addressed(&self) -> Vec<(&'static str, &Instrument)> {
         let jig = match &self.jig {

@@ -97,7 +97,7 @@ impl Source {
         let mut table = document.get_ref();
         let mut found = None;
         for name in field.split('.') {
-            let (key, value) = table.iter().find(|(key, _)| key.get_ref().as_ref() == name)?;
+            let Some((key, value)) = table.iter().find(|(key, _)| key.get_ref().as_ref() == name) else { break };
             found = Some(key.span());
             match value.get_ref() {
                 DeValue::Table(inner) => table = inner,
@@ -170,5 +170,8 @@ mod tests {
         }
         let complaint = source("[eis]\n\npoints = 2\n").complain("eis.points", "too few").to_string();
         assert_eq!(complaint, "a.toml:3: eis.points: too few");
+        // A field that is not there is looked for where it would stand.
+        let complaint = source("\n[eis]\npoints = 2\n").complain("eis.stop.unit", "missing").to_string();
+        assert_eq!(complaint, "a.toml:2: eis.stop.unit: missing");
     }
 }

@@ -133,7 +133,11 @@ impl Executor<'_> {
             }
             if rested_s > max_s {
                 // The thesis waits for a consistent voltage; a cell that still moves is no reason to lose a night, but it is to be known.
-                let text = format!("after {max_s:.0} s of rest the voltage still moves by {:.3} mV/min", slope * 6.0e4);
+                let text = if slope.is_nan() {
+                    format!("{max_s:.0} s of rest are too short to tell whether the voltage is steady")
+                } else {
+                    format!("after {max_s:.0} s of rest the voltage still moves by {:.3} mV/min", slope * 6.0e4)
+                };
                 tracing::warn!("{text}");
                 self.recorder.warning(&text);
                 return Ok(());

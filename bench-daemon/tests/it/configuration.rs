@@ -45,12 +45,12 @@ fn mistakes_are_named_with_file_line_and_field() {
         (experiment, "amplitude =", "amplitdue =", "eis.amplitdue: unknown field `amplitdue`, expected one of `start`"),
         (experiment, "\"1 A\"", "\"1 V\"", "eis.amplitude: expected a current with its unit, such as \"1 A\", found \"1 V\""),
         (experiment, "\"1 A\"", "1.0", "eis.amplitude: invalid type: floating point `1.0`, expected a current with its unit"),
-        (experiment, "\"300 Hz\"", "\"300 kHz\"", "eis.stop: expected 0.1 Hz to 10000 Hz, found 300000 Hz"),
+        (experiment, "\"300 Hz\"", "\"300 kHz\"", "eis.stop: expected 0.1 Hz to 3000 Hz, found 300000 Hz"),
         (experiment, "\"1 A\"", "\"50 A\"", "eis.amplitude: expected 0.01 A to 13.5 A, found 50 A"),
         (experiment, "\"3.52 V\"", "\"2.3 V\"", "soc_reset.discharge_until: expected 2.55 V to 4.2 V, found 2.3 V"),
         (experiment, "\"4.2 V\"", "\"4.3 V\"", "soc_reset.charge_voltage: expected 2.5 V to 4.2 V, found 4.3 V"),
         (experiment, "\"25 °C\"", "\"75 °C\"", "temperature.setpoint: expected 0 °C to 60 °C, found 75 °C"),
-        (experiment, "rc = [1, 2, 3, 4]", "rc = [0]", "fit.rc: expected orders from 1 to 6, found [0]"),
+        (experiment, "rc = [1, 2, 3, 4]", "rc = [0]", "fit.rc: expected orders from 1 to 8, found [0]"),
         (experiment, "\"complex\"", "\"fancy\"", "fit.objective: "),
         (bench, "[instruments.load]", "[instruments.lode]", "instruments.lode: unknown field `lode`, expected one of `supply4q`"),
         (
@@ -85,25 +85,49 @@ fn a_missing_instrument_is_named_with_the_section_that_needs_it() {
     assert!(message.contains("[soc_reset]") && message.contains("experiments/demo.toml"), "{message}");
 }
 
-#[test]
-fn virtual_time_on_real_ports_is_refused() {
-    let folder = altered("benches/demo.toml", "\"memory:scope\"", "\"tcp://127.0.0.1:1\"");
+/// The demo with every instrument on a port of its own, the scope at another host, and another time.
+fn on_ports(scope: &str, time: &str) -> String {
+    let folder = altered("benches/demo.toml", "[simulation]", &format!("[simulation]\ntime = \"{time}\""));
     let bench = folder.path().join("benches/demo.toml");
-    let text = std::fs::read_to_string(&bench).unwrap().replace("[simulation]", "[simulation]\ntime = \"virtual\"");
+    let mut text = std::fs::read_to_string(&bench).unwrap().replace("memory:scope", scope);
+    for port in 5101.. {
+        let Some(start) = text.find("memory:") else { break };
+        let end = start + text[start..].find('"').unwrap();
+        text.replace_range(start..end, &format!("tcp://127.0.0.1:{port}"));
+    }
     std::fs::write(&bench, text).unwrap();
-    let message = load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string();
-    assert!(message.contains("simulation.time: virtual time jumps ahead of answers on real ports"), "{message}");
+    load_experiment(&folder.path().join("experiments/demo.toml"), None).map_or_else(|error| error.to_string(), |_| "accepted".to_owned())
 }
 
 #[test]
-fn scaled_time_on_an_instrument_elsewhere_is_refused() {
-    let folder = altered("benches/demo.toml", "\"memory:scope\"", "\"tcp://192.168.1.22:5025\"");
-    let bench = folder.path().join("benches/demo.toml");
-    let text = std::fs::read_to_string(&bench).unwrap().replace("[simulation]", "[simulation]\ntime = \"scaled:10\"");
-    std::fs::write(&bench, text).unwrap();
-    let message = load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string();
+fn bench_time_fits_the_addresses() {
+    let here = "tcp://127.0.0.1:5100";
+    assert_eq!(on_ports(here, "scaled:10"), "accepted");
+    let message = on_ports(here, "virtual");
+    assert!(message.contains("simulation.time: virtual time jumps ahead of answers on real ports"), "{message}");
+    let message = on_ports("tcp://192.168.1.22:5025", "scaled:10");
     assert!(
         message.contains("simulation.time: scaled time is for mocks on this machine, and scope is at tcp://192.168.1.22:5025"),
         "{message}"
     );
+}
+
+#[test]
+fn what_the_bench_cannot_do_is_refused_before_it_is_begun() {
+    let experiment = "experiments/demo.toml";
+    let bench = "benches/demo.toml";
+    for (file, from, to, expected) in [
+        (experiment, "\"0.1 Hz\"", "\"2 mHz\"", "eis.start: expected a frame of at most 400 s"),
+        (experiment, "\"0.1 Hz\"", "\"299.999999 Hz\"", "neighbouring frequencies are the same microhertz"),
+        (experiment, "points = 20", "points = 3", "fit.rc: expected orders of at most 2 for 3 points, found 3"),
+        (experiment, "[1, 2, 3, 4]", "[1, 1]", "fit.rc: expected different orders"),
+        (experiment, "charge_until = \"3.80 V\"", "charge_until = \"4.2 V\"", "soc_reset.charge_until: expected at most 4.180 V"),
+        (bench, "\"memory:scope\"", "\"memory:load\"", "expected an address of its own, found that of scope"),
+        (bench, "\"memory:scope\"", "\"tcp://127.0.0.1:5025\"", "expected all instruments in this process"),
+        ("scenarios/p45b.toml", "initial_soc = 0.60", "initial_soc = 1.60", "cell.initial_soc"),
+        ("scenarios/p45b.toml", "initial_soc", "inital_soc", "cell.inital_soc: unknown field"),
+    ] {
+        let message = complaint(file, from, to);
+        assert!(message.contains(expected), "{message}");
+    }
 }

@@ -65,12 +65,16 @@ fn the_run_folder_is_complete_and_everything_in_it_is_readable() {
         assert!(found.records.is_sorted_by(|a, b| a.time_s <= b.time_s), "{role}");
     }
     // What was configured is kept as it was typed.
-    for (kept, typed) in [("experiments_demo", "experiments/demo"), ("benches_demo", "benches/demo"), ("cells_p45b", "cells/p45b")] {
+    for (kept, typed) in [
+        ("experiments_demo", "experiments/demo"),
+        ("benches_demo", "benches/demo"),
+        ("cells_p45b", "cells/p45b"),
+        ("scenarios_p45b", "scenarios/p45b"),
+    ] {
         let typed = crate::configuration::configs().join(format!("{typed}.toml"));
         let kept = run.join("config").join(format!("{kept}.toml"));
         assert_eq!(fs::read(&kept).unwrap(), fs::read(typed).unwrap(), "{}", kept.display());
     }
-    assert!(fs::read_to_string(run.join("config/scenario.toml")).unwrap().contains("initial_soc"));
 }
 
 fn assert_spectra(run: &Path) {
@@ -143,7 +147,7 @@ fn assert_manifest(run: &Path) {
     assert!(manifest["bench_time_s"].as_f64().unwrap() > 3000.0, "about an hour of bench time: {}", manifest["bench_time_s"]);
     let hash = manifest["config_sha256"].as_str().unwrap();
     assert!(hash.len() == 64 && hash.bytes().all(|byte| byte.is_ascii_hexdigit()), "{hash}");
-    assert_eq!(manifest["files"].as_object().unwrap().len(), 3);
+    assert_eq!(manifest["files"].as_object().unwrap().len(), 4, "experiment, bench, cell, scenario");
     let instruments = manifest["instruments"].as_array().unwrap();
     let roles: Vec<&str> = instruments.iter().map(|instrument| instrument["role"].as_str().unwrap()).collect();
     assert_eq!(roles, ROLES);

@@ -101,6 +101,23 @@ fn every_form_of_a_spectrum_gives_its_circuit_under_every_objective() {
 }
 
 #[test]
+fn an_impedance_of_another_size_is_fitted_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("ohms.csv");
+    let mut text = String::new();
+    for k in 0..30 {
+        let freq_hz = 0.1 * 10.0_f64.powf(f64::from(k) / 6.0);
+        let x = std::f64::consts::TAU * freq_hz * 50.0 * 100.0e-6;
+        text += &format!("{freq_hz},{},{}\n", 10.0 + 50.0 / (1.0 + x * x), -50.0 * x / (1.0 + x * x));
+    }
+    std::fs::write(&file, text).unwrap();
+    let found = fits(&["fit", file.to_str().unwrap(), "--rc", "1", "--json"]);
+    for (met, expected) in parameters(&found[0]).into_iter().zip([10.0, 50.0, 100.0e-6]) {
+        assert!((met / expected - 1.0).abs() < 1.0e-6, "{met}, expected {expected}");
+    }
+}
+
+#[test]
 fn a_folder_of_models_plots_and_a_report_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
@@ -136,7 +153,7 @@ fn bad_input_is_refused_with_exit_code_2_and_a_reason() {
     for (arguments, reason) in [
         (vec!["fit", broken], "broken.csv"),
         (vec!["fit", "/nonexistent.csv"], "/nonexistent.csv"),
-        (vec!["fit", good, "--rc", "0"], "--rc: expected `all` or numbers from 1 to 8"),
+        (vec!["fit", good, "--rc", "0"], "--rc: expected `all` or different numbers from 1 to 8"),
         (vec!["fit", good, "--objective", "best"], "--objective: "),
     ] {
         let output = eis_bench(&arguments);

@@ -257,3 +257,31 @@ fn the_linear_bipolar_supply_measures_the_same_cell() {
     assert_eq!(world.truth_current_a(), 0.0);
     assert!(world.truth_impedance(Fixture::Cell, 1.0).re > 0.0);
 }
+
+#[test]
+fn more_current_than_the_step_asked_for_trips_at_once() {
+    // Eight times the command, far below what the cell could bear.
+    let files = Files::short(2).edit(BENCH, "command_trim = 1.0", "command_trim = 8.0");
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let ended = files.run("run");
+    ended.expect_code(5);
+    let message = ended.message();
+    assert!(message.contains("interlock: cell current") && message.contains("left its limits (-2"), "{message}");
+    ports.assert_outputs_off();
+}
+
+#[test]
+fn nobody_reading_along_stops_no_measurement() {
+    let files = Files::short(2);
+    let experiment = files.experiment();
+    let run = files.path("run");
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_eis-bench"))
+        .args(["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop((child.stdout.take(), child.stderr.take()));
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert_eq!(manifest_status(&run), "finished");
+}

@@ -297,14 +297,6 @@ impl Instrument<dyn Dialect> {
         let codes = self.dialect.codes(&block).map_err(|expected| unexpected(&expected))?;
         if codes.is_empty() { Err(unexpected("samples")) } else { Ok(codes) }
     }
-
-    /// Leaves the panel usable: a scope drives nothing, so that there is nothing to switch off.
-    ///
-    /// # Errors
-    /// As [`Self::set`].
-    pub async fn release(&mut self) -> Result<(), LinkError> {
-        self.set(&Intent::Stop).await
-    }
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use crate::{
     exchange::{Exchange, Expect, Identity},
     instrument::{Model, ms},
     link::LinkProfile,
-    units::{Amps, Volts},
+    units::{Amps, Hertz, Volts},
 };
 
 /// Kepco BOP 1KW 50-20MG/GL, analog input selected by command: the 20 A member of the family.
@@ -58,12 +58,9 @@ impl Dialect for Kepco {
         Capabilities {
             analog_select: self.analog_select,
             full_scale: FULL_SCALE,
-            full_scale_voltage: Volts(match self.analog_select {
-                AnalogSelect::Command => 50.0,
-                AnalogSelect::Wiring => 20.0,
-            }),
+            // The bandwidth is 5 kHz to 10 kHz: at 3 kHz at most a seventh of the amplitude is lost.
+            max_freq: Hertz(3000.0),
             analog_full_scale: Volts(10.0),
-            open_when_off: self.analog_select == AnalogSelect::Command,
         }
     }
 

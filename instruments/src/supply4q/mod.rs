@@ -9,7 +9,7 @@ use crate::{
     exchange::{Exchange, forget_errors, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
-    units::{Amps, Volts},
+    units::{Amps, Hertz, Volts},
 };
 
 /// How the analog input is made to command the output.
@@ -29,12 +29,10 @@ pub struct Capabilities {
     pub analog_select: AnalogSelect,
     /// Rated current; ± this is full scale of the analog input.
     pub full_scale: Amps,
-    /// Rated voltage.
-    pub full_scale_voltage: Volts,
+    /// Up to here the output follows the analog input within a few per cent.
+    pub max_freq: Hertz,
     /// Analog input for full scale.
     pub analog_full_scale: Volts,
-    /// The output can be told to be high-impedance when off.
-    pub open_when_off: bool,
 }
 
 /// Limits programmed into the instrument before it is energised.

@@ -385,3 +385,38 @@ fn what_harms_and_what_is_no_message_never_reaches_the_wire() {
         },
     );
 }
+
+#[test]
+fn an_answer_that_stays_away_does_not_keep_the_output_on() {
+    use instruments::exchange::{Exchange, play_all};
+    let script = |message: &str| match message {
+        "OUTP?" => now("0\n"),
+        _ => Reply::Silence,
+    };
+    with_link(plain(), script, async |mut link, _, heard| {
+        let script = [Exchange::word("OUTP:MODE BATTERY", "OUTP:MODE?", &["BATTERY"]), Exchange::switch("OUTP", false)];
+        let error = play_all(&mut link, &script).await.unwrap_err();
+        assert!(error.to_string().contains("OUTP:MODE?"), "{error}");
+        let heard: Vec<String> = heard().into_iter().map(|(_, message)| message).collect();
+        assert_eq!(heard, ["OUTP:MODE BATTERY", "OUTP:MODE?", "OUTP OFF", "OUTP?"]);
+        assert!(!link.is_dropped());
+    });
+}
+
+#[test]
+fn a_read_back_that_is_not_yet_so_is_asked_again_and_the_command_is_not() {
+    use instruments::exchange::{Exchange, play};
+    let mut asked = 0;
+    let script = move |message: &str| match message {
+        "OUTP?" => {
+            asked += 1;
+            now(if asked < 3 { "0\n" } else { "1\n" })
+        }
+        _ => Reply::Silence,
+    };
+    with_link(plain(), script, async |mut link, _, heard| {
+        play(&mut link, &[Exchange::switch("OUTP", true)]).await.unwrap();
+        let heard: Vec<String> = heard().into_iter().map(|(_, message)| message).collect();
+        assert_eq!(heard, ["OUTP ON", "OUTP?", "OUTP?", "OUTP?"]);
+    });
+}

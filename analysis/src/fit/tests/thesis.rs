@@ -1,20 +1,15 @@
-//! The thesis' own 25 sweeps against its appendix A. Skipped where the measured files are not beside the project.
+//! The thesis' own 25 sweeps against its appendix A.
 
 use crate::fit::{FitOptions, Objective, fit_erm};
 use crate::formats::read_unbiased_cells;
 use crate::spectrum::Spectrum;
 use std::path::Path;
 
-fn real_sweeps() -> Option<Vec<Spectrum>> {
-    let above = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
-    let Some(folder) = above.map(|a| a.join("shared/data/p45b/eis")).find(|f| f.is_dir()) else {
-        eprintln!("skipped: the measured sweeps (shared/data/p45b/eis) are not on this machine");
-        return None;
-    };
-    let files = (0..5).flat_map(|cell| (0..5).map(move |repeat| format!("cell{cell}_{repeat}.csv")));
-    let sweeps: Vec<Spectrum> = files.flat_map(|f| read_unbiased_cells(&folder.join(f)).unwrap()).collect();
+fn real_sweeps() -> Vec<Spectrum> {
+    let table = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
+    let sweeps = read_unbiased_cells(&table).unwrap();
     assert_eq!((sweeps.len(), sweeps.iter().map(|s| s.points.len()).sum::<usize>()), (25, 500));
-    Some(sweeps)
+    sweeps
 }
 
 /// Appendix A in the order of rising time constants: objective in Ω, then R, R1, C1, … For one branch the global optimum, which the appendix
@@ -30,7 +25,7 @@ fn expected() -> [(f64, Vec<f64>); 4] {
 
 #[test]
 fn appendix_a_comes_out_of_the_default_start() {
-    let Some(sweeps) = real_sweeps() else { return };
+    let sweeps = real_sweeps();
     for (i, (objective, parameters)) in expected().into_iter().enumerate() {
         let fit = fit_erm(&sweeps, &FitOptions { rc: i + 1, ..FitOptions::default() }).unwrap();
         assert!((fit.objective - objective).abs() < 5e-6, "{} RC: expected {objective} Ω, met {} Ω", i + 1, fit.objective);
@@ -45,7 +40,7 @@ fn appendix_a_comes_out_of_the_default_start() {
 
 #[test]
 fn every_seed_reaches_the_same_optimum() {
-    let Some(sweeps) = real_sweeps() else { return };
+    let sweeps = real_sweeps();
     for (i, (objective, _)) in expected().into_iter().enumerate() {
         for seed in 1..=20 {
             let fit = fit_erm(&sweeps, &FitOptions { rc: i + 1, seed, ..FitOptions::default() }).unwrap();
@@ -56,7 +51,7 @@ fn every_seed_reaches_the_same_optimum() {
 
 #[test]
 fn the_other_objectives_are_stable_too() {
-    let Some(sweeps) = real_sweeps() else { return };
+    let sweeps = real_sweeps();
     for objective in [Objective::Complex, Objective::Modulus] {
         for rc in 0..=4 {
             let fit = |seed| fit_erm(&sweeps, &FitOptions { rc, objective, seed, ..FitOptions::default() }).unwrap().objective;
@@ -70,7 +65,7 @@ fn the_other_objectives_are_stable_too() {
 
 #[test]
 fn what_the_band_cannot_show_is_said() {
-    let Some(sweeps) = real_sweeps() else { return };
+    let sweeps = real_sweeps();
     let fit = fit_erm(&sweeps, &FitOptions::default()).unwrap();
     let expected =
         "branch 4: its time constant of 5.172 s is beyond the 1.592 s of the lowest frequency (0.1 Hz): R4 and C4 are extrapolated";

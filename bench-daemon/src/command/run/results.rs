@@ -18,7 +18,7 @@ use crate::{command::Failure, config::Experiment, fixture_check, record::Recorde
 /// # Errors
 /// A fit that cannot be made; a file that cannot be written.
 pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Result<String, Failure> {
-    let fits = fit_orders(experiment, &measured.spectrum)?;
+    let fits = fit_orders(recorder, experiment, &measured.spectrum);
     let pack = Pack::new(experiment.cell.series, experiment.cell.parallel, 0.0).map_err(|error| Failure::Analysis(error.to_string()))?;
     for fit in &fits {
         let mapped = PackModel::new(&fit.erm, pack).map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -35,13 +35,17 @@ pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: 
     Ok(summary(recorder, experiment, measured, &fits))
 }
 
-fn fit_orders(experiment: &Experiment, spectrum: &Spectrum) -> Result<Vec<ErmFit>, Failure> {
-    let spectra = std::slice::from_ref(spectrum);
-    let fit = |&rc: &usize| {
+/// The orders that could be fitted; one that could not is noted and does not cost the others.
+fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, spectrum: &Spectrum) -> Vec<ErmFit> {
+    let mut fits = Vec::new();
+    for &rc in &experiment.fit.rc {
         let options = FitOptions { rc, objective: experiment.fit.objective, seed: experiment.seed, ..FitOptions::default() };
-        fit_erm(spectra, &options).map_err(|error| Failure::Analysis(format!("{rc} RC: {error}")))
-    };
-    experiment.fit.rc.iter().map(fit).collect()
+        match fit_erm(std::slice::from_ref(spectrum), &options) {
+            Ok(fit) => fits.push(fit),
+            Err(error) => recorder.warning(&format!("no model with {rc} RC: {error}")),
+        }
+    }
+    fits
 }
 
 /// A gain belongs to a range: a correction measured on one range does not hold on another.

@@ -1,0 +1,222 @@
+//! The sections of an experiment against its bench and its cell: nothing that the bench cannot do or the cell must not bear gets through.
+
+use analysis::fit::{MAX_RC, Objective};
+use instruments::{
+    chiller, generator, load,
+    mock::plant::{Fixture, HISTORY_S},
+    scope, supply, supply4q,
+    units::Seconds,
+};
+
+use super::{Bench, Cell, ConfigError, ControlTolerance, Eis, Fit, FixtureCheck, SocReset, Source, Temperature, raw};
+
+/// How far the end of a charge lies below the limit of the supply at least, V.
+const CHARGE_MARGIN_V: f64 = 0.02;
+/// How far below the end of a discharge the load stops by itself, V.
+pub(crate) const LOAD_CUT_OFF_V: f64 = 0.05;
+/// A frame on the simulated bench ends within this many periods before it is fetched.
+const SIMULATED_SLACK_PERIODS: f64 = 3.0;
+/// Samples per period below which a sinusoid is not to be believed.
+const MIN_SAMPLES_PER_PERIOD: f64 = 8.0;
+
+/// Checks of the experiment's sections against bench and cell.
+pub(super) struct Check<'a> {
+    pub(super) source: &'a Source,
+    pub(super) bench_source: &'a Source,
+    pub(super) bench: &'a Bench,
+    pub(super) cell: &'a Cell,
+}
+
+impl Check<'_> {
+    fn complain(&self, field: &str, reason: impl Into<String>) -> ConfigError {
+        self.source.complain(field, reason)
+    }
+
+    fn within(&self, field: &str, value: f64, (least, greatest): (f64, f64), unit: &str) -> Result<f64, ConfigError> {
+        if (least..=greatest).contains(&value) {
+            return Ok(value);
+        }
+        Err(self.complain(field, format!("expected {least} {unit} to {greatest} {unit}, found {value} {unit}")))
+    }
+
+    /// A section of the experiment needs a role that the bench may lack.
+    fn needs<'b, T>(&self, instrument: Option<&'b T>, role: &str, section: &str) -> Result<&'b T, ConfigError> {
+        instrument.ok_or_else(|| {
+            let reason = format!("expected a section [instruments.{role}]: [{section}] of {} needs it", self.source.path().display());
+            self.bench_source.complain(&format!("instruments.{role}"), reason)
+        })
+    }
+
+    pub(super) fn temperature(&self, raw: &raw::TemperatureSection) -> Result<Temperature, ConfigError> {
+        let chiller = self.needs(self.bench.instruments.chiller.as_ref(), "chiller", "temperature")?;
+        self.needs(self.bench.instruments.logger.as_ref(), "logger", "temperature")?;
+        let limits = &self.cell.limits;
+        let range = chiller::DIALECTS.iter().find(|dialect| dialect.key() == chiller.model).map(|dialect| dialect.range());
+        let (low, high) =
+            range.map_or((limits.min_c, limits.max_c), |(low, high)| (low.value().max(limits.min_c), high.value().min(limits.max_c)));
+        Ok(Temperature {
+            setpoint_c: self.within("temperature.setpoint", raw.setpoint.si, (low, high), "°C")?,
+            within_k: self.within("temperature.within", raw.within.si, (0.01, 5.0), "K")?,
+            timeout_s: self.within("temperature.timeout", raw.timeout.si, (1.0, 86_400.0), "s")?,
+        })
+    }
+
+    pub(super) fn fixture_check(&self, raw: &raw::FixtureCheck) -> Result<FixtureCheck, ConfigError> {
+        self.needs(self.bench.instruments.jig.as_ref(), "jig", "fixture_check")?;
+        if raw.fake_cell.is_some() && self.bench.fake_cell.is_none() {
+            let reason = "expected its impedance: [fixture_check.fake_cell] measures it as a control";
+            return Err(self.bench_source.complain("controls.fake_cell", reason));
+        }
+        // The shunt first: no cell-like thing is clamped before the current path has been seen to work.
+        let mut controls = Vec::new();
+        for (fixture, name, tolerance) in
+            [(Fixture::Shunt, "shunt", Some(&raw.shunt)), (Fixture::FakeCell, "fake_cell", raw.fake_cell.as_ref())]
+        {
+            let Some(tolerance) = tolerance else { continue };
+            let field = |part: &str| format!("fixture_check.{name}.{part}");
+            controls.push((
+                fixture,
+                ControlTolerance {
+                    magnitude: self.within(&field("magnitude"), tolerance.magnitude.si, (1.0e-4, 0.5), "(share)")?,
+                    phase_deg: self.within(&field("phase"), tolerance.phase.si, (0.01, 45.0), "°")?,
+                },
+            ));
+        }
+        let corrected_tolerance = self.within("fixture_check.corrected_tolerance", raw.corrected_tolerance.si, (1.0e-4, 0.1), "(share)")?;
+        Ok(FixtureCheck { controls, corrected_tolerance })
+    }
+
+    pub(super) fn soc_reset(&self, raw: &raw::SocReset) -> Result<SocReset, ConfigError> {
+        let load = self.needs(self.bench.instruments.load.as_ref(), "load", "soc_reset")?;
+        let supply = self.needs(self.bench.instruments.supply.as_ref(), "supply", "soc_reset")?;
+        let limits = &self.cell.limits;
+        let load_max = load::DIALECTS.iter().find(|d| d.key() == load.model).map_or(0.0, |d| d.capabilities().max_current.value());
+        let supply_max = supply::DIALECTS.iter().find(|d| d.key() == supply.model).map_or(0.0, |d| d.capabilities().max_current.value());
+        let window = (limits.min_v, limits.max_v);
+        // The load's own cut-off lies between the end of the discharge and the cell's limit.
+        let discharge_window = (limits.min_v + LOAD_CUT_OFF_V, limits.max_v);
+        let reset = SocReset {
+            discharge_a: self.within(
+                "soc_reset.discharge_current",
+                raw.discharge_current.si,
+                (0.01, limits.discharge_a.min(load_max)),
+                "A",
+            )?,
+            discharge_until_v: self.within("soc_reset.discharge_until", raw.discharge_until.si, discharge_window, "V")?,
+            charge_a: self.within("soc_reset.charge_current", raw.charge_current.si, (0.01, limits.charge_a.min(supply_max)), "A")?,
+            charge_limit_v: self.within("soc_reset.charge_voltage", raw.charge_voltage.si, window, "V")?,
+            charge_until_v: self.within("soc_reset.charge_until", raw.charge_until.si, window, "V")?,
+            rest_min_s: self.within("soc_reset.rest_min", raw.rest_min.si, (1.0, 86_400.0), "s")?,
+            rest_max_s: self.within("soc_reset.rest_max", raw.rest_max.si, (raw.rest_min.si, 86_400.0), "s")?,
+            rest_slope_v_per_s: self.within("soc_reset.rest_slope", raw.rest_slope.si, (1.0e-9, 1.0e-2), "V/s")?,
+            max_s: self.within("soc_reset.max_duration", raw.max_duration.si, (1.0, 172_800.0), "s")?,
+        };
+        if reset.discharge_until_v >= reset.charge_until_v {
+            let reason = format!("expected less than charge_until ({} V), found {} V", reset.charge_until_v, reset.discharge_until_v);
+            return Err(self.complain("soc_reset.discharge_until", reason));
+        }
+        if reset.charge_until_v > reset.charge_limit_v - CHARGE_MARGIN_V {
+            let greatest = reset.charge_limit_v - CHARGE_MARGIN_V;
+            let reason = format!(
+                "expected at most {greatest:.3} V, below charge_voltage where the current dies away, found {} V",
+                reset.charge_until_v
+            );
+            return Err(self.complain("soc_reset.charge_until", reason));
+        }
+        Ok(reset)
+    }
+
+    pub(super) fn eis(&self, raw: &raw::Eis) -> Result<Eis, ConfigError> {
+        let instruments = &self.bench.instruments;
+        let supply4q = self.needs(instruments.supply4q.as_ref(), "supply4q", "eis")?;
+        let generator = self.needs(instruments.generator.as_ref(), "generator", "eis")?;
+        self.needs(instruments.scope.as_ref(), "scope", "eis")?;
+        let generator_dialect = generator::DIALECTS.iter().find(|d| d.key() == generator.model);
+        let (least_hz, greatest_hz) = generator_dialect.map_or((1.0e-3, 1.0e4), |d| {
+            (d.capabilities().freq_range.0.value().max(1.0e-3), d.capabilities().freq_range.1.value().min(1.0e4))
+        });
+        let start_hz = self.within("eis.start", raw.start.si, (least_hz, greatest_hz), "Hz")?;
+        let supply4q_capabilities = supply4q::DIALECTS.iter().find(|d| d.key() == supply4q.model).map(|d| d.capabilities());
+        let greatest_hz = supply4q_capabilities.map_or(greatest_hz, |capabilities| capabilities.max_freq.value().min(greatest_hz));
+        let stop_hz = self.within("eis.stop", raw.stop.si, (start_hz, greatest_hz), "Hz")?;
+        self.within("eis.points", raw.points as f64, (2.0, 1000.0), "points")?;
+        if stop_hz <= start_hz {
+            return Err(self.complain("eis.stop", format!("expected more than eis.start ({start_hz} Hz), found {stop_hz} Hz")));
+        }
+        let full_scale = supply4q_capabilities.map_or(0.0, |capabilities| capabilities.full_scale.value());
+        let greatest_a = full_scale.min(self.cell.limits.charge_a).min(self.cell.limits.discharge_a);
+        let amplitude_a = self.within("eis.amplitude", raw.amplitude.si, (0.01, greatest_a), "A")?;
+        let eis = Eis {
+            freqs_hz: log_grid(start_hz, stop_hz, raw.points, raw.include_stop),
+            amplitude_a,
+            periods: self.within("eis.periods", raw.periods, (2.0, 10_000.0), "periods")?,
+            extra_wait_s: self.within("eis.extra_wait", raw.extra_wait.si, (0.0, 3600.0), "s")?,
+            periods_on_screen: self.within("eis.periods_on_screen", raw.periods_on_screen, (2.0, 1000.0), "periods")?,
+            record_points: raw.record_points,
+            memory_points: raw.memory_points,
+        };
+        self.within("eis.memory_points", raw.memory_points as f64, (1_000.0, 1.0e7), "points")?;
+        // The 1–2–5 series of the time base can put 2.5 times the asked periods on the screen.
+        let least_points = (MIN_SAMPLES_PER_PERIOD * 2.5 * eis.periods_on_screen).ceil();
+        self.within("eis.record_points", raw.record_points as f64, (least_points, raw.memory_points as f64), "points")?;
+        self.check_grid(&eis)?;
+        Ok(eis)
+    }
+
+    /// The frequencies must differ when rounded to what a generator can set, and a simulated bench must remember the slowest frame.
+    fn check_grid(&self, eis: &Eis) -> Result<(), ConfigError> {
+        if eis.freqs_hz.windows(2).any(|pair| pair[1] <= pair[0]) {
+            return Err(
+                self.complain("eis.points", "expected fewer points or a wider range: neighbouring frequencies are the same microhertz")
+            );
+        }
+        let scope = self.bench.instruments.scope.as_ref().and_then(|scope| scope::DIALECTS.iter().find(|d| d.key() == scope.model));
+        let (Some(scope), Some(slowest_hz), Some(_)) = (scope, eis.freqs_hz.first(), &self.bench.simulation) else { return Ok(()) };
+        let capabilities = scope.capabilities();
+        let screen_s = capabilities.time_per_div(Seconds(eis.periods_on_screen / slowest_hz)).value() * capabilities.horizontal_div;
+        if screen_s + SIMULATED_SLACK_PERIODS / slowest_hz > HISTORY_S {
+            let reason =
+                format!("expected a frame of at most {HISTORY_S} s, which is what the simulated bench remembers, found {screen_s} s");
+            return Err(self.complain("eis.start", reason));
+        }
+        Ok(())
+    }
+
+    pub(super) fn fit(&self, raw: &raw::Fit, points: usize) -> Result<Fit, ConfigError> {
+        if raw.rc.is_empty() || raw.rc.iter().any(|&rc| rc == 0 || rc > MAX_RC) {
+            return Err(self.complain("fit.rc", format!("expected orders from 1 to {MAX_RC}, found {:?}", raw.rc)));
+        }
+        let distinct: std::collections::BTreeSet<usize> = raw.rc.iter().copied().collect();
+        if distinct.len() != raw.rc.len() {
+            return Err(self.complain("fit.rc", format!("expected different orders, found {:?}", raw.rc)));
+        }
+        let affordable = points.saturating_sub(1);
+        if let Some(rc) = distinct.into_iter().find(|rc| *rc > affordable) {
+            let reason = format!("expected orders of at most {affordable} for {points} points, found {rc}: each has 2·rc + 1 parameters");
+            return Err(self.complain("fit.rc", reason));
+        }
+        let objective: Objective = raw.objective.parse().map_err(|error| self.complain("fit.objective", format!("{error}")))?;
+        Ok(Fit { rc: raw.rc.clone(), objective })
+    }
+}
+
+/// `points` frequencies from `start_hz`, evenly spaced on a logarithmic axis, in whole microhertz so that a generator can set them exactly. With
+/// `include_stop` the last is `stop_hz`; without, the grid is start·(stop/start)^(k/points), as in the thesis' own data.
+fn log_grid(start_hz: f64, stop_hz: f64, points: usize, include_stop: bool) -> Vec<f64> {
+    let intervals = if include_stop { points - 1 } else { points } as f64;
+    (0..points).map(|k| (start_hz * (stop_hz / start_hz).powf(k as f64 / intervals) * 1.0e6).round() / 1.0e6).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_grid_is_logarithmic_with_and_without_its_end() {
+        let with = log_grid(0.1, 300.0, 20, true);
+        assert_eq!((with.len(), with[0], with[19]), (20, 0.1, 300.0));
+        let without = log_grid(0.1, 300.0, 20, false);
+        assert!((without[19] - 201.031_999).abs() < 1.0e-6, "{}", without[19]);
+        assert!((without[1] - 0.149_230).abs() < 1.0e-9);
+    }
+}

@@ -1,0 +1,21 @@
+//! Words for whoever reads along. A reader that has gone is no reason to stop a measurement, so what cannot be written is dropped; `println!` would
+//! panic.
+
+use std::{fmt, io::Write};
+
+/// Writes one line.
+pub fn line(mut to: impl Write, text: fmt::Arguments<'_>) {
+    let _ = writeln!(to, "{text}").and_then(|()| to.flush());
+}
+
+/// A line of a result, on standard output.
+macro_rules! say {
+    ($($text:tt)*) => { $crate::terminal::line(std::io::stdout(), format_args!($($text)*)) };
+}
+
+/// A line of a remark, on standard error.
+macro_rules! remark {
+    ($($text:tt)*) => { $crate::terminal::line(std::io::stderr(), format_args!($($text)*)) };
+}
+
+pub(crate) use {remark, say};
