@@ -8,5 +8,6 @@ mod link;
 mod mocks_devices;
 mod mocks_plant;
 mod mocks_ports;
+mod mocks_random;
 mod mocks_scope;
 mod ports;
