@@ -34,8 +34,17 @@ pub enum Expect {
     Word(&'static [&'static str]),
     /// A field of a Siglent `KEY,value,KEY,value` answer with a number within `tolerance` of `value`.
     Fields(Vec<(&'static str, f64, f64)>),
+    /// One or more numbers separated by commas, each of either sign and within `tolerance` of `value`: both sides of a limit.
+    Magnitudes {
+        /// Expected magnitude.
+        value: f64,
+        /// Greatest allowed difference.
+        tolerance: f64,
+    },
     /// The answer contains this text, whatever the case.
-    Contains(&'static str),
+    Contains(String),
+    /// All of these hold of the one answer.
+    All(Vec<Expect>),
     /// The low bits of a hexadecimal status word: `word & mask == bits`.
     Bits {
         /// Bits that count.
@@ -66,7 +75,7 @@ impl Expect {
     /// Judges an answer.
     ///
     /// # Errors
-    /// What was expected, in words.
+    /// What should have been answered, in words that go behind "expected".
     pub fn judge(&self, answer: &str) -> Result<(), String> {
         match self {
             Self::Number { value, tolerance } => judge_number(answer, *value, *tolerance, "a number"),
@@ -74,19 +83,24 @@ impl Expect {
                 .iter()
                 .any(|word| answer.trim().eq_ignore_ascii_case(word))
                 .then_some(())
-                .ok_or_else(|| format!("expected one of {}", words.join(", "))),
+                .ok_or_else(|| format!("one of {}", words.join(", "))),
             Self::Fields(fields) => fields.iter().try_for_each(|(key, value, tolerance)| {
-                let text = field(answer, key).ok_or_else(|| format!("expected a field {key}"))?;
+                let text = field(answer, key).ok_or_else(|| format!("a field {key}"))?;
                 judge_number(text, *value, *tolerance, key)
             }),
+            Self::Magnitudes { value, tolerance } => answer.split(',').try_for_each(|part| {
+                let unsigned = part.trim().trim_start_matches(['+', '-']);
+                judge_number(unsigned, *value, *tolerance, "magnitudes")
+            }),
+            Self::All(expectations) => expectations.iter().try_for_each(|expectation| expectation.judge(answer)),
             Self::Contains(text) => answer
                 .to_ascii_uppercase()
                 .contains(&text.to_ascii_uppercase())
                 .then_some(())
-                .ok_or_else(|| format!("expected `{text}` in the answer")),
+                .ok_or_else(|| format!("`{text}` in the answer")),
             Self::Bits { mask, bits } => {
-                let word = hex_word(answer).ok_or("expected a hexadecimal status word")?;
-                (word & mask == *bits).then_some(()).ok_or_else(|| format!("expected status bits {bits:#06x} under mask {mask:#06x}"))
+                let word = hex_word(answer).ok_or("a hexadecimal status word")?;
+                (word & mask == *bits).then_some(()).ok_or_else(|| format!("status bits {bits:#06x} under mask {mask:#06x}"))
             }
         }
     }
@@ -119,6 +133,17 @@ pub async fn play_all(link: &mut Link, script: &[Exchange]) -> Result<(), LinkEr
     outcome
 }
 
+/// Takes out of the error queue what an earlier client or the power-up left there, which would else be taken for an answer to the first message.
+///
+/// # Errors
+/// The link's.
+pub async fn forget_errors(link: &mut Link) -> Result<(), LinkError> {
+    for entry in link.drain_errors().await? {
+        tracing::warn!(link = link.name(), %entry, "an error from before was in the queue");
+    }
+    Ok(())
+}
+
 /// The number at the start of an answer, whatever unit follows it.
 pub fn leading_number(answer: &str) -> Option<f64> {
     let text = answer.trim();
@@ -140,7 +165,10 @@ pub fn leading_number(answer: &str) -> Option<f64> {
 
 /// The value behind `key` in a `KEY,value,KEY,value` list; a header such as `C1:BSWV ` before the list is skipped.
 pub fn field<'a>(answer: &'a str, key: &str) -> Option<&'a str> {
-    let list = answer.trim().rsplit_once(' ').map_or(answer.trim(), |(_, list)| list);
+    let answer = answer.trim();
+    // Only a blank before the first comma ends a header; later ones are the instrument's way of writing its list.
+    let header_end = answer.split(',').next().and_then(|first| first.rfind(' '));
+    let list = header_end.and_then(|end| answer.get(end..)).unwrap_or(answer);
     let mut parts = list.split(',');
     while let Some(part) = parts.next() {
         if part.trim().eq_ignore_ascii_case(key) {
@@ -160,7 +188,7 @@ pub fn hex_word(answer: &str) -> Option<u32> {
 fn judge_number(answer: &str, value: f64, tolerance: f64, what: &str) -> Result<(), String> {
     match leading_number(answer) {
         Some(number) if (number - value).abs() <= tolerance => Ok(()),
-        _ => Err(format!("expected {what} within {tolerance:e} of {value}")),
+        _ => Err(format!("{what} within {tolerance:e} of {value}")),
     }
 }
 
@@ -220,11 +248,20 @@ mod tests {
     fn an_expectation_says_what_it_wanted() {
         let answer = "C1:BSWV WVTP,SINE,FRQ,1000HZ,PERI,0.001S,AMP,1V,OFST,-0.28V,PHSE,0";
         assert_eq!(Expect::Fields(vec![("FRQ", 1000.0, 1e-3), ("OFST", -0.28, 1e-3)]).judge(answer), Ok(()));
+        assert_eq!(field("C1:BSWV WVTP, SINE, FRQ, 1000HZ, AMP, 1V", "FRQ"), Some("1000HZ"));
+        assert_eq!(field("WVTP,SINE,AMP,1V", "AMP"), Some("1V"));
         let refused = Expect::Fields(vec![("AMP", 2.0, 0.01)]).judge(answer).unwrap_err();
         assert!(refused.contains("AMP") && refused.contains("of 2"), "{refused}");
         assert!(Expect::Word(&["1", "ON"]).judge("on").is_ok());
         assert!(Expect::Word(&["1", "ON"]).judge("OFF").unwrap_err().contains("1, ON"));
+        assert_eq!(Expect::Contains("LOAD,HZ".to_owned()).judge("OUTP OFF,LOAD,50"), Err("`LOAD,HZ` in the answer".to_owned()));
         assert!(Expect::Bits { mask: 0x10, bits: 0x10 }.judge("0x0224").is_err());
+        let both = Expect::Magnitudes { value: 3.0, tolerance: 0.01 };
+        for (answer, accepted) in
+            [("3.0E0, -3.0E0", true), ("3.0E0", true), ("3.0E0, -2.0E1", false), ("2.0E1, -3.0E0", false), ("", false)]
+        {
+            assert_eq!(both.judge(answer).is_ok(), accepted, "{answer}");
+        }
         assert!(Expect::Bits { mask: 0x20, bits: 0x20 }.judge("0x0224").is_ok());
     }
 

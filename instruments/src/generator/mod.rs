@@ -42,8 +42,10 @@ pub trait Dialect: Send + Sync {
     fn capabilities(&self) -> Capabilities;
     /// Whether an identity answer is this dialect's.
     fn recognises(&self, identity: &Identity) -> bool;
-    /// Output off (with an open-circuit load setting, so that the volts are true), or on.
+    /// Switches the output.
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange>;
+    /// What an earlier user may have left that makes another voltage of the same setting: load, polarity, burst, sweep, modulation.
+    fn prepare(&self, channel: u8) -> Vec<Exchange>;
     /// A sine; the output stays as it is.
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange>;
     /// A steady voltage; the output stays as it is.
@@ -58,12 +60,14 @@ pub struct Generator {
     link: Link,
     dialect: &'static dyn Dialect,
     channel: u8,
+    /// The volts that are set are the volts that come.
+    prepared: bool,
 }
 
 impl Generator {
     /// Puts a dialect on a link; `channel` is the output in use. Sends nothing.
     pub fn new(link: Link, dialect: &'static dyn Dialect, channel: u8) -> Self {
-        Self { link, dialect, channel }
+        Self { link, dialect, channel, prepared: false }
     }
 
     /// What the model can do.
@@ -84,7 +88,13 @@ impl Generator {
     /// # Errors
     /// The link's; a read-back that differs.
     pub async fn sine(&mut self, sine: &Sine) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.sine(self.channel, sine)).await
+        self.prepare().await?;
+        let script = self.dialect.sine(self.channel, sine);
+        match play(&mut self.link, &script).await {
+            // The amplitude is clamped by the offset that it finds and the other way round; once more, and each finds the new one.
+            Err(LinkError::ReadBack { .. }) => play(&mut self.link, &script).await,
+            outcome => outcome,
+        }
     }
 
     /// Sets a steady level.
@@ -92,15 +102,20 @@ impl Generator {
     /// # Errors
     /// As [`Self::sine`].
     pub async fn steady(&mut self, level: Volts) -> Result<(), LinkError> {
+        self.prepare().await?;
         play(&mut self.link, &self.dialect.steady(self.channel, level)).await
     }
 
-    /// Switches the output.
+    /// Switches the output; off first, then whatever an earlier user left is undone.
     ///
     /// # Errors
     /// As [`Self::sine`].
     pub async fn output(&mut self, on: bool) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.output(self.channel, on)).await
+        if !on {
+            play(&mut self.link, &self.dialect.output(self.channel, false)).await?;
+        }
+        self.prepare().await?;
+        if on { play(&mut self.link, &self.dialect.output(self.channel, true)).await } else { Ok(()) }
     }
 
     /// Output off. Safe at any time, also twice.
@@ -111,8 +126,17 @@ impl Generator {
         play_all(&mut self.link, &self.dialect.output(self.channel, false)).await
     }
 
-    /// The link, for reconnecting.
+    /// The link, for reconnecting. Somebody else may have used the instrument meanwhile, so that nothing is taken as set afterwards.
     pub fn link_mut(&mut self) -> &mut Link {
+        self.prepared = false;
         &mut self.link
+    }
+
+    async fn prepare(&mut self) -> Result<(), LinkError> {
+        if !self.prepared {
+            play(&mut self.link, &self.dialect.prepare(self.channel)).await?;
+            self.prepared = true;
+        }
+        Ok(())
     }
 }

@@ -89,7 +89,7 @@ pub enum Intent {
     },
     /// A channel's vertical setting, DC coupled, 20 MHz.
     Vertical(Vertical),
-    /// Time per division, trigger at the centre.
+    /// Time per division, trigger at the centre of the screen.
     Timebase(Seconds),
     /// Edge trigger, rising.
     Trigger(Trigger),
@@ -120,7 +120,7 @@ pub struct Queries {
     pub stopped: &'static str,
     /// Points of the acquisition.
     pub points: &'static str,
-    /// Points of the greatest page.
+    /// Points of the greatest page, as announced; a page may be shorter.
     pub page: &'static str,
     /// Descriptor of the chosen channel (a block).
     pub preamble: &'static str,
@@ -200,7 +200,10 @@ pub trait Dialect: Send + Sync {
     /// What was expected of the descriptor.
     fn preamble(&self, block: &[u8]) -> Result<Preamble, String>;
     /// Reads the samples of a page.
-    fn codes(&self, block: &[u8]) -> Vec<i16>;
+    ///
+    /// # Errors
+    /// What was expected of the page.
+    fn codes(&self, block: &[u8]) -> Result<Vec<i16>, String>;
 }
 
 /// Every known model.
@@ -268,11 +271,26 @@ impl Scope {
     /// The link's; a descriptor that cannot be read (zeroed where no frame was ever completed); a page that is empty.
     pub async fn download(&mut self, channel: u8, points: u64) -> Result<Waveform, LinkError> {
         let queries = self.dialect.queries();
-        let answer = self.link.query(queries.points).await?;
-        let in_memory = leading_number(&answer)
-            .filter(|count| *count >= 1.0)
-            .ok_or_else(|| LinkError::unexpected(self.link.name(), queries.points, &answer, "a number of points"))?;
+        let in_memory = self.count(queries.points).await?;
         let stride = ((in_memory / points.max(1) as f64).round() as u64).max(1);
+        let page = self.count(queries.page).await?;
+        // Whether the start of a second page counts points of the record or those left by the stride is written nowhere: thinned out by the scope
+        // only what fits one page, the rest here.
+        if stride == 1 || in_memory / stride as f64 <= page {
+            let waveform = self.transfer(channel, stride).await?;
+            if waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride) {
+                return Ok(waveform);
+            }
+        }
+        let mut whole = self.transfer(channel, 1).await?;
+        whole.codes = whole.codes.into_iter().step_by(usize::try_from(stride).unwrap_or(usize::MAX)).collect();
+        whole.interval_s *= stride as f64;
+        Ok(whole)
+    }
+
+    /// Downloads one channel with a stride; with a stride above 1, one page of it.
+    async fn transfer(&mut self, channel: u8, stride: u64) -> Result<Waveform, LinkError> {
+        let queries = self.dialect.queries();
         self.set(&Intent::Transfer { channel, stride }).await?;
         let block = self.link.query_block(queries.preamble).await?;
         let preamble = self
@@ -280,25 +298,33 @@ impl Scope {
             .preamble(&block)
             .map_err(|expected| LinkError::unexpected(self.link.name(), queries.preamble, &format!("{} bytes", block.len()), &expected))?;
         let total = preamble.points.div_ceil(stride);
-        let codes = self.pages(total).await?;
+        let mut codes = self.page(0, total).await?;
+        while stride == 1 && (codes.len() as u64) < total {
+            let start = codes.len() as u64;
+            self.set(&Intent::Page { start }).await?;
+            codes.extend(self.page(start, total).await?);
+        }
+        codes.truncate(usize::try_from(total).unwrap_or(usize::MAX));
         Ok(Waveform { channel, codes, preamble, interval_s: preamble.interval_s * stride as f64 })
     }
 
-    async fn pages(&mut self, total: u64) -> Result<Vec<i16>, LinkError> {
-        let queries = self.dialect.queries();
-        let mut codes = Vec::new();
-        while (codes.len() as u64) < total {
-            self.set(&Intent::Page { start: codes.len() as u64 }).await?;
-            let block = self.link.query_block(queries.data).await?;
-            let page = self.dialect.codes(&block);
-            if page.is_empty() {
-                let met = format!("an empty page after {} of {total} points", codes.len());
-                return Err(LinkError::unexpected(self.link.name(), queries.data, &met, "samples"));
-            }
-            codes.extend(page);
-        }
-        codes.truncate(usize::try_from(total).unwrap_or(usize::MAX));
-        Ok(codes)
+    async fn page(&mut self, start: u64, total: u64) -> Result<Vec<i16>, LinkError> {
+        let query = self.dialect.queries().data;
+        let block = self.link.query_block(query).await?;
+        let unexpected = |expected: &str| {
+            let met = format!("a page of {} bytes after {start} of {total} points", block.len());
+            LinkError::unexpected(self.link.name(), query, &met, expected)
+        };
+        let codes = self.dialect.codes(&block).map_err(|expected| unexpected(&expected))?;
+        if codes.is_empty() { Err(unexpected("samples")) } else { Ok(codes) }
+    }
+
+    /// Asks for a number of points, at least 1.
+    async fn count(&mut self, query: &str) -> Result<f64, LinkError> {
+        let answer = self.link.query(query).await?;
+        leading_number(&answer)
+            .filter(|count| *count >= 1.0)
+            .ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a number of points"))
     }
 
     /// Leaves the panel usable: a scope drives nothing, so that there is nothing to switch off.

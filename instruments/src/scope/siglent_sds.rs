@@ -1,10 +1,10 @@
 //! Siglent SDS800X HD (and 1000X HD, 2000X HD): binary 346-byte descriptor, signed left-justified codes, zero-based paging.
 //!
-//! Read-backs show three digits until `:FORMat:DATA` is set, so that comes first. The final `0A 0A` after a block is the link's business.
+//! Read-backs show three digits until `:FORMat:DATA` is set, so that comes first wherever numbers are read back. The final `0A 0A` after a block is the link's business.
 
 use super::{Capabilities, Dialect, Intent, Preamble, Queries};
 use crate::{
-    exchange::{Exchange, Identity},
+    exchange::{Exchange, Expect, Identity},
     link::LinkProfile,
     supply4q::ms,
     units::{Seconds, Volts},
@@ -60,6 +60,7 @@ impl Dialect for Sds {
             Intent::Vertical(vertical) => {
                 let (n, scale, offset) = (vertical.channel, vertical.per_div.value(), vertical.offset.value());
                 vec![
+                    digits(),
                     Exchange::word(format!(":CHANnel{n}:SWITch ON"), format!(":CHANnel{n}:SWITch?"), &["ON"]),
                     Exchange::word(format!(":CHANnel{n}:COUPling DC"), format!(":CHANnel{n}:COUPling?"), &["DC"]),
                     Exchange::word(format!(":CHANnel{n}:BWLimit 20M"), format!(":CHANnel{n}:BWLimit?"), &["20M"]),
@@ -78,18 +79,15 @@ impl Dialect for Sds {
                 let per_div = per_div.value();
                 vec![
                     Exchange::number(format!(":TIMebase:SCALe {per_div:.2E}"), ":TIMebase:SCALe?", per_div, 1.0e-3 * per_div),
+                    Exchange::word(":TIMebase:REFerence DELay", ":TIMebase:REFerence?", &["DELay", "DEL"]),
+                    Exchange::number(":TIMebase:REFerence:POSition 50", ":TIMebase:REFerence:POSition?", 50.0, 0.5),
                     Exchange::number(":TIMebase:DELay 0.00E+00", ":TIMebase:DELay?", 0.0, 1.0e-3 * per_div),
                 ]
             }
             Intent::Trigger(trigger) => {
-                let source = ["C1", "C2", "C3", "C4"].get(usize::from(trigger.channel).wrapping_sub(1)).copied().unwrap_or("C1");
                 vec![
                     Exchange::word(":TRIGger:TYPE EDGE", ":TRIGger:TYPE?", &["EDGE"]),
-                    Exchange::Set {
-                        message: format!(":TRIGger:EDGE:SOURce {source}"),
-                        read_back: ":TRIGger:EDGE:SOURce?".to_owned(),
-                        expect: crate::exchange::Expect::Contains(source),
-                    },
+                    source(":TRIGger:EDGE:SOURce", trigger.channel),
                     Exchange::word(":TRIGger:EDGE:SLOPe RISing", ":TRIGger:EDGE:SLOPe?", &["RISing"]),
                     Exchange::send(format!(":TRIGger:EDGE:LEVel {:.5E}", trigger.level.value())),
                 ]
@@ -99,14 +97,16 @@ impl Dialect for Sds {
             }
             Intent::Stop => vec![Exchange::send(":TRIGger:STOP")],
             Intent::Transfer { channel, stride } => vec![
-                Exchange::send(format!(":WAVeform:SOURce C{channel}")),
-                Exchange::send(":WAVeform:STARt 0"),
+                digits(),
+                // A channel that is off is not taken over: the samples would be another channel's.
+                source(":WAVeform:SOURce", *channel),
+                start(0),
                 Exchange::send(":WAVeform:POINt 0"),
                 Exchange::number(format!(":WAVeform:INTerval {stride}"), ":WAVeform:INTerval?", *stride as f64, 0.5),
                 Exchange::word(":WAVeform:WIDTh WORD", ":WAVeform:WIDTh?", &["WORD"]),
                 Exchange::word(":WAVeform:BYTeorder LSB", ":WAVeform:BYTeorder?", &["LSB"]),
             ],
-            Intent::Page { start } => vec![Exchange::send(format!(":WAVeform:STARt {start}"))],
+            Intent::Page { start: first } => vec![start(*first)],
         }
     }
 
@@ -127,7 +127,8 @@ impl Dialect for Sds {
         let codes_per_div = f64::from(descriptor.f32(164));
         let points = u64::try_from(descriptor.i32(116)).unwrap_or(0);
         let stride = u64::try_from(descriptor.i32(136)).unwrap_or(0).max(1);
-        if points == 0 || volts_per_div <= 0.0 || codes_per_div <= 0.0 {
+        let interval_s = f64::from(descriptor.f32(176));
+        if points == 0 || ![volts_per_div, codes_per_div, interval_s].iter().all(|scale| *scale > 0.0 && scale.is_finite()) {
             return Err("a descriptor with points and scales: no frame was completed since the scope was armed".to_owned());
         }
         if descriptor.i16(32) != 1 || descriptor.i16(34) != 0 {
@@ -139,16 +140,35 @@ impl Dialect for Sds {
             volts_per_code: volts_per_div / codes_per_div,
             offset_v: f64::from(descriptor.f32(160)) * f64::from(descriptor.f32(328)),
             volts_per_div,
-            interval_s: f64::from(descriptor.f32(176)),
+            interval_s,
             delay_s: descriptor.f64(180),
             code_min: i16::MIN,
             code_max: CODE_MAX,
         })
     }
 
-    fn codes(&self, block: &[u8]) -> Vec<i16> {
-        block.chunks_exact(2).map(|pair| i16::from_le_bytes([pair[0], pair[1]])).collect()
+    fn codes(&self, block: &[u8]) -> Result<Vec<i16>, String> {
+        let (pairs, rest) = block.as_chunks::<2>();
+        if rest.is_empty() {
+            Ok(pairs.iter().map(|pair| i16::from_le_bytes(*pair)).collect())
+        } else {
+            Err("two bytes a sample".to_owned())
+        }
     }
+}
+
+/// All digits in answers.
+fn digits() -> Exchange {
+    Exchange::send(":FORMat:DATA DOUBle")
+}
+
+fn source(header: &str, channel: u8) -> Exchange {
+    let name = format!("C{channel}");
+    Exchange::Set { message: format!("{header} {name}"), read_back: format!("{header}?"), expect: Expect::Contains(name) }
+}
+
+fn start(first: u64) -> Exchange {
+    Exchange::number(format!(":WAVeform:STARt {first}"), ":WAVeform:STARt?", first as f64, 0.5)
 }
 
 fn session(memory_points: u64) -> Vec<Exchange> {
@@ -159,13 +179,13 @@ fn session(memory_points: u64) -> Vec<Exchange> {
         _ => "10M",
     };
     vec![
-        Exchange::send(":FORMat:DATA DOUBle"),
+        digits(),
         Exchange::send(":ACQuire:TYPE NORMal"),
         Exchange::send(":ACQuire:MMANagement FMDepth"),
         Exchange::Set {
             message: format!(":ACQuire:MDEPth {depth}"),
             read_back: ":ACQuire:MDEPth?".to_owned(),
-            expect: crate::exchange::Expect::Contains(depth),
+            expect: Expect::Contains(depth.to_owned()),
         },
     ]
 }
