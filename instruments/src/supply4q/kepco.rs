@@ -5,18 +5,24 @@
 
 use super::{AnalogSelect, Capabilities, Dialect, Limits, ms};
 use crate::{
-    exchange::{Exchange, Identity},
+    exchange::{Exchange, Expect, Identity},
     link::LinkProfile,
     units::{Amps, Volts},
 };
 
-/// Kepco BOP 20-50MG/GL class, 1 kW, analog input selected by command; here the 20 V / 20 A member of the family.
+/// Kepco BOP 1KW 50-20MG/GL, analog input selected by command: the 20 A member of the family.
 pub(super) const BOP_MG: Kepco = Kepco { key: "kepco-bop-mg", analog_select: AnalogSelect::Command };
-/// Kepco BOP 20-20M/D/ML, linear, with a BIT card.
+/// Kepco BOP 20-20M/D/ML, linear, with a BIT card. No linear one has more than 20 A, so that one whose card keeps its rating to itself can only
+/// drive less than was asked for.
 pub(super) const BOP_LINEAR: Kepco = Kepco { key: "kepco-bop-linear", analog_select: AnalogSelect::Wiring };
 
 /// Tolerance of read-backs: the display of a 20 A instrument rounds to a milliampere.
 const TOLERANCE: f64 = 5.0e-3;
+
+/// Full scale of the analog input: a unit of another rating would drive another current at the same command.
+const RATED_A: f64 = 20.0;
+/// The linear units end at 400 W, the switching ones have 1 kW.
+const SWITCHING_FROM_W: f64 = 1000.0;
 
 pub(super) struct Kepco {
     key: &'static str,
@@ -36,15 +42,26 @@ impl Dialect for Kepco {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             analog_select: self.analog_select,
-            full_scale: Amps(20.0),
-            full_scale_voltage: Volts(20.0),
+            full_scale: Amps(RATED_A),
+            full_scale_voltage: Volts(match self.analog_select {
+                AnalogSelect::Command => 50.0,
+                AnalogSelect::Wiring => 20.0,
+            }),
             analog_full_scale: Volts(10.0),
             open_when_off: self.analog_select == AnalogSelect::Command,
         }
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
-        identity.raw.to_ascii_uppercase().starts_with("KEPCO")
+        let raw = identity.raw.to_ascii_uppercase();
+        let rating = rating(&identity.model);
+        let switching = raw.contains("1KW") || rating.is_some_and(|(volts, amps)| volts * amps >= SWITCHING_FROM_W);
+        let rated = rating.map(|(_, amps)| (amps - RATED_A).abs() < 0.5);
+        match self.analog_select {
+            AnalogSelect::Command => raw.starts_with("KEPCO") && switching && rated == Some(true),
+            // Old cards name themselves instead of their unit.
+            AnalogSelect::Wiring => raw.starts_with("KEPCO") && !switching && rated.unwrap_or(true),
+        }
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {
@@ -61,17 +78,24 @@ impl Dialect for Kepco {
     }
 
     fn prepare(&self, limits: &Limits) -> Vec<Exchange> {
-        let mut script = Vec::new();
+        let mut script = vec![Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"])];
         if self.analog_select == AnalogSelect::Command {
+            // Acts on the main channel, so that the mode comes first.
             script.push(Exchange::word("CURR:MODE FIX", "CURR:MODE?", &["FIX", "FIXED"]));
         }
-        script.push(Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"]));
         script.push(Exchange::number("CURR 0.0000", "CURR?", 0.0, TOLERANCE));
         let compliance = limits.compliance.value();
         script.push(Exchange::number(format!("VOLT {compliance:.4}"), "VOLT?", compliance, TOLERANCE));
         if self.analog_select == AnalogSelect::Command {
+            // Left at EXT, pins of the analog port would set the limits and the digital ones have no effect (manual, B.31 and B.96).
+            script.push(Exchange::word("VOLT:PROT:MODE FIX", "VOLT:PROT:MODE?", &["FIX", "FIXED"]));
+            script.push(Exchange::word("CURR:PROT:MODE FIX", "CURR:PROT:MODE?", &["FIX", "FIXED"]));
             let current = limits.current.value();
-            script.push(Exchange::number(format!("CURR:PROT {current:.4}"), "CURR:PROT?", current, TOLERANCE));
+            script.push(Exchange::Set {
+                message: format!("CURR:PROT {current:.4}"),
+                read_back: "CURR:PROT?".to_owned(),
+                expect: Expect::Magnitudes { value: current, tolerance: TOLERANCE },
+            });
         }
         script
     }
@@ -87,6 +111,15 @@ impl Dialect for Kepco {
     fn measure(&self) -> [&'static str; 2] {
         ["MEAS:VOLT?", "MEAS:CURR?"]
     }
+}
+
+/// Rated volts and amperes in a model such as `BOP1KW 50-20` or `BOP 20-20M`.
+fn rating(model: &str) -> Option<(f64, f64)> {
+    model.split_whitespace().find_map(|word| {
+        let (volts, amps) = word.split_once('-')?;
+        let digits = amps.find(|c: char| !c.is_ascii_digit()).unwrap_or(amps.len());
+        Some((volts.parse().ok()?, amps.get(..digits)?.parse().ok()?))
+    })
 }
 
 #[cfg(test)]
@@ -105,10 +138,39 @@ mod tests {
     #[test]
     fn the_switching_family_selects_the_analog_input_by_command_and_the_linear_one_never_sends_it() {
         let limits = Limits { compliance: Volts(5.0), current: Amps(3.0) };
-        assert_eq!(words(&BOP_MG.prepare(&limits)), ["CURR:MODE FIX", "FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000", "CURR:PROT 3.0000"]);
+        assert_eq!(
+            words(&BOP_MG.prepare(&limits)),
+            [
+                "FUNC:MODE CURR",
+                "CURR:MODE FIX",
+                "CURR 0.0000",
+                "VOLT 5.0000",
+                "VOLT:PROT:MODE FIX",
+                "CURR:PROT:MODE FIX",
+                "CURR:PROT 3.0000",
+            ]
+        );
         assert_eq!(words(&BOP_MG.analog(true)), ["CURR:MODE EXT"]);
         assert_eq!(words(&BOP_LINEAR.prepare(&limits)), ["FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000"]);
         assert_eq!(BOP_LINEAR.analog(true), []);
+    }
+
+    #[test]
+    fn a_unit_of_the_other_family_or_another_rating_is_not_taken_for_ones_own() {
+        for (answer, switching, linear) in [
+            ("KEPCO,BOP1KW 50-20 ,E156884, 2.01", true, false),
+            ("KEPCO,BOP 50-20,E1234,2.6", true, false),
+            ("KEPCO,BOP 50-20MG,E1234,2.6", true, false),
+            ("KEPCO,BOP1KW 20-50 ,E156884, 2.01", false, false),
+            ("KEPCO,BOP1KW,E156884,2.01", false, false),
+            ("KEPCO,BOP 20-20M,E1234,2.6", false, true),
+            ("KEPCO,BOP 100-1M,E1234,2.6", false, false),
+            ("KEPCO BOP BIT232 REV. 3.1", false, true),
+            ("ACME,BOP 20-20,1,1", false, false),
+        ] {
+            let identity = Identity::parse(answer);
+            assert_eq!((BOP_MG.recognises(&identity), BOP_LINEAR.recognises(&identity)), (switching, linear), "{answer}");
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ mod kepco;
 use std::time::Duration;
 
 use crate::{
-    exchange::{Exchange, Identity, leading_number, play, play_all},
+    exchange::{Exchange, Identity, forget_errors, leading_number, play, play_all},
     link::{Link, LinkError, LinkProfile},
     units::{Amps, Volts},
 };
@@ -101,6 +101,7 @@ impl Supply4q {
     /// # Errors
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, limits: &Limits) -> Result<(), LinkError> {
+        forget_errors(&mut self.link).await?;
         play(&mut self.link, &self.dialect.output(false)).await?;
         play(&mut self.link, &self.dialect.prepare(limits)).await
     }
@@ -139,10 +140,15 @@ impl Supply4q {
     }
 }
 
+/// What SCPI says for an overload (9.9E37) and for no number at all (9.91E37) is no reading.
+const NO_READING: f64 = 9.0e37;
+
 /// Asks for one number.
 pub(crate) async fn number(link: &mut Link, query: &str) -> Result<f64, LinkError> {
     let answer = link.query(query).await?;
-    leading_number(&answer).ok_or_else(|| LinkError::unexpected(link.name(), query, &answer, "a number"))
+    leading_number(&answer)
+        .filter(|number| number.abs() < NO_READING)
+        .ok_or_else(|| LinkError::unexpected(link.name(), query, &answer, "a number"))
 }
 
 /// Milliseconds, for profiles.
