@@ -3,7 +3,7 @@
 mod siglent_spd;
 
 use crate::{
-    exchange::{Exchange, Identity, play, play_all},
+    exchange::{Exchange, Identity, forget_errors, play, play_all},
     link::{Link, LinkError, LinkProfile},
     supply4q::number,
     units::{Amps, Volts},
@@ -78,6 +78,7 @@ impl Supply {
     /// # Errors
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, charge: &Charge) -> Result<(), LinkError> {
+        forget_errors(&mut self.link).await?;
         play(&mut self.link, &self.dialect.output(false)).await?;
         play(&mut self.link, &self.dialect.prepare(charge)).await
     }

@@ -12,6 +12,8 @@ use crate::{
 /// Siglent SPD3303X/-E.
 pub(super) const SPD3303X: Spd = Spd;
 
+/// Status bits of the tracking mode, and their value for independent channels.
+const TRACKING: (u32, u32) = (0b11 << 2, 0b01 << 2);
 /// Status bit of an output that is on, channel 1.
 const CHANNEL_1_ON: u32 = 1 << 4;
 
@@ -31,7 +33,7 @@ impl Dialect for Spd {
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.starts_with("Siglent") && identity.model.starts_with("SPD")
+        identity.maker.starts_with("Siglent") && identity.model.starts_with("SPD3303X")
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {
@@ -46,7 +48,12 @@ impl Dialect for Spd {
     fn prepare(&self, charge: &Charge) -> Vec<Exchange> {
         let (voltage, current) = (charge.voltage.value(), charge.current.value());
         vec![
-            Exchange::send("OUTP:TRACK 0"),
+            // In parallel the channel would deliver twice the current.
+            Exchange::Set {
+                message: "OUTP:TRACK 0".to_owned(),
+                read_back: "SYST:STAT?".to_owned(),
+                expect: Expect::Bits { mask: TRACKING.0, bits: TRACKING.1 },
+            },
             Exchange::number(format!("CH1:VOLT {voltage:.3}"), "CH1:VOLT?", voltage, 2.0e-3),
             Exchange::number(format!("CH1:CURR {current:.3}"), "CH1:CURR?", current, 2.0e-3),
         ]
