@@ -42,6 +42,8 @@ impl Dialect for Sdl {
         vec![
             Exchange::word(":FUNC CURRent", ":FUNC?", &["CURRENT"]),
             Exchange::number(format!(":CURR:IRANG {range}"), ":CURR:IRANG?", range_value, 0.1),
+            // Above 36 V there is no cell, and the coarse range reads ten times worse.
+            Exchange::number(":CURR:VRANG 36", ":CURR:VRANG?", 36.0, 0.1),
             Exchange::number(format!(":CURR:LEV:IMM {current:.4}"), ":CURR:LEV:IMM?", current, 2.0e-3),
             // With the latch off the input opens by itself when the cell falls below this voltage: a second guard beside the daemon.
             Exchange::word(":VOLT:LATC OFF", ":VOLT:LATC?", &["0", "OFF"]),
