@@ -46,6 +46,9 @@ impl Dialect for Julabo {
     fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange> {
         match setpoint {
             Some(Celsius(celsius)) => vec![
+                // Controls by its own sensor, and to the first of its three set-points, which is the one set below.
+                Exchange::word("OUT_MODE_04 0", "IN_MODE_04", &["0"]),
+                Exchange::send("OUT_MODE_01 0"),
                 Exchange::number(format!("OUT_SP_00 {celsius:.2}"), "IN_SP_00", celsius, 0.006),
                 Exchange::word("OUT_MODE_05 1", "IN_MODE_05", &["1"]),
             ],
@@ -62,7 +65,8 @@ impl Dialect for Julabo {
         let code = raw.split_whitespace().next().and_then(|code| code.parse::<i32>().ok());
         let warning_only = raw.to_ascii_uppercase().contains("WARNING");
         // −08…−11 complain of the last command; they say nothing of the bath.
-        let alarm = matches!(code, Some(code) if code < 0 && !(-11..=-8).contains(&code)) && !warning_only;
+        // What cannot be read is no good news.
+        let alarm = code.is_none_or(|code| code < 0 && !(-11..=-8).contains(&code)) && !(warning_only && code.is_some());
         Status { running: matches!(code, Some(1 | 3)), remote: !matches!(code, Some(0 | 1)), alarm: alarm.then(|| raw.clone()), raw }
     }
 }
@@ -80,6 +84,10 @@ mod tests {
             ("03 REMOTE START", true, true, false),
             ("-01 LOW LEVEL ALARM", false, true, true),
             ("-03 EXCESS TEMPERATURE WARNING", false, true, false),
+            ("-14 EXCESS TEMPERATURE PROTECTOR ALARM", false, true, true),
+            ("-20 WARNING: CLEAN CONDENSOR", false, true, false),
+            ("", false, true, true),
+            ("23.50", false, true, true),
             ("-09 COMMAND NOT ALLOWED IN CURRENT OPERATING MODE", false, true, false),
         ] {
             let status = JULABO.status(answer);

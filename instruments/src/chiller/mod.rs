@@ -11,9 +11,9 @@ use crate::{
 /// What a chiller says of its state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Status {
-    /// It circulates and controls.
+    /// It is known to circulate and control; a message in the place of the state says nothing of it.
     pub running: bool,
-    /// It takes commands.
+    /// It is not known to refuse commands.
     pub remote: bool,
     /// An alarm that means the bath is not under control.
     pub alarm: Option<String>,
