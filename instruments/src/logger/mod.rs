@@ -3,7 +3,7 @@
 mod keysight_34970a;
 
 use crate::{
-    exchange::{Exchange, Identity, play},
+    exchange::{Exchange, Identity, forget_errors, play},
     link::{Link, LinkError, LinkProfile},
     units::Celsius,
 };
@@ -16,7 +16,7 @@ pub trait Dialect: Send + Sync {
     fn profile(&self) -> LinkProfile;
     /// Whether an identity answer is this dialect's.
     fn recognises(&self, identity: &Identity) -> bool;
-    /// Type K thermocouples in °C on these channels, scanned together.
+    /// Type K thermocouples in °C on these channels, in rising order, scanned together.
     fn configure(&self, channels: &[u16]) -> Vec<Exchange>;
     /// Query for one scan.
     fn scan(&self) -> &'static str;
@@ -32,13 +32,20 @@ const OVERLOAD: f64 = 9.0e37;
 pub struct Logger {
     link: Link,
     dialect: &'static dyn Dialect,
+    /// In the order of the caller.
     channels: Vec<u16>,
+    /// In the order of the scan.
+    scanned: Vec<u16>,
 }
 
 impl Logger {
     /// Puts a dialect on a link; `channels` are the slots' channel numbers. Sends nothing.
     pub fn new(link: Link, dialect: &'static dyn Dialect, channels: Vec<u16>) -> Self {
-        Self { link, dialect, channels }
+        // These instruments scan in rising order, whatever the order of the list.
+        let mut scanned = channels.clone();
+        scanned.sort_unstable();
+        scanned.dedup();
+        Self { link, dialect, channels, scanned }
     }
 
     /// Asks who it is; changes nothing.
@@ -54,10 +61,11 @@ impl Logger {
     /// # Errors
     /// The first message that was refused.
     pub async fn configure(&mut self) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.configure(&self.channels)).await
+        forget_errors(&mut self.link).await?;
+        play(&mut self.link, &self.dialect.configure(&self.scanned)).await
     }
 
-    /// One scan; `None` for an open thermocouple.
+    /// One scan, in the order of the channels given to [`Self::new`]; `None` for an open thermocouple.
     ///
     /// # Errors
     /// The link's; an answer with another number of readings than channels.
@@ -65,11 +73,15 @@ impl Logger {
         let answer = self.link.query(self.dialect.scan()).await?;
         let readings: Option<Vec<f64>> = answer.split(',').map(|text| text.trim().parse::<f64>().ok()).collect();
         match readings {
-            Some(readings) if readings.len() == self.channels.len() => {
-                Ok(readings.into_iter().map(|reading| (reading.abs() < OVERLOAD).then_some(Celsius(reading))).collect())
+            Some(readings) if readings.len() == self.scanned.len() => {
+                let reading = |channel: &u16| {
+                    let place = self.scanned.binary_search(channel).ok()?;
+                    readings.get(place).filter(|reading| reading.abs() < OVERLOAD).copied().map(Celsius)
+                };
+                Ok(self.channels.iter().map(reading).collect())
             }
             _ => {
-                let expected = format!("{} readings", self.channels.len());
+                let expected = format!("{} readings", self.scanned.len());
                 Err(LinkError::unexpected(self.link.name(), self.dialect.scan(), &answer, &expected))
             }
         }
