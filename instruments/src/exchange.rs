@@ -86,7 +86,8 @@ impl Expect {
                 .ok_or_else(|| format!("one of {}", words.join(", "))),
             Self::Fields(fields) => fields.iter().try_for_each(|(key, value, tolerance)| {
                 let text = field(answer, key).ok_or_else(|| format!("a field {key}"))?;
-                judge_number(text, *value, *tolerance, key)
+                // A long answer is cut where it is shown, perhaps before this field.
+                judge_number(text, *value, *tolerance, key).map_err(|expected| format!("{expected}, found {text}"))
             }),
             Self::Magnitudes { value, tolerance } => answer.split(',').try_for_each(|part| {
                 let unsigned = part.trim().trim_start_matches(['+', '-']);
@@ -188,7 +189,7 @@ pub fn hex_word(answer: &str) -> Option<u32> {
 fn judge_number(answer: &str, value: f64, tolerance: f64, what: &str) -> Result<(), String> {
     match leading_number(answer) {
         Some(number) if (number - value).abs() <= tolerance => Ok(()),
-        _ => Err(format!("{what} within {tolerance:e} of {value}")),
+        _ => Err(format!("{what} within {tolerance:.1e} of {value}")),
     }
 }
 
