@@ -20,11 +20,11 @@ impl Dialect for Julabo {
     }
 
     fn profile(&self) -> LinkProfile {
-        // The manual asks for 250 ms after a command and 10 ms after a query.
+        // The manual asks for 250 ms after a command and 10 ms after a query; what comes a little early on the way there is lost without a word.
         LinkProfile {
             terminator: Terminator::Cr,
-            min_gap: ms(10),
-            write_gap: ms(250),
+            min_gap: ms(20),
+            write_gap: ms(300),
             error_query: None,
             strip_flow_bytes: true,
             ..LinkProfile::scpi()

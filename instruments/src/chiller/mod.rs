@@ -84,10 +84,7 @@ impl Chiller {
     /// The link's; manual mode; an alarm.
     pub async fn start(&mut self, setpoint: Celsius) -> Result<(), LinkError> {
         let status = self.status().await?;
-        if !status.remote {
-            let expected = "remote mode (set it on the panel: in manual mode commands are ignored)";
-            return Err(LinkError::unexpected(self.link.name(), self.dialect.queries()[1], &status.raw, expected));
-        }
+        self.require_remote(&status)?;
         if let Some(alarm) = &status.alarm {
             return Err(LinkError::unexpected(self.link.name(), self.dialect.queries()[1], alarm, "no alarm"));
         }
@@ -97,9 +94,14 @@ impl Chiller {
     /// Stops the chiller.
     ///
     /// # Errors
-    /// The link's; a read-back that differs.
+    /// The link's; a read-back that differs; manual mode, unless it stands still already.
     pub async fn stop(&mut self) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.run(None)).await
+        let stopped = play(&mut self.link, &self.dialect.run(None)).await;
+        if let Err(LinkError::ReadBack { .. }) = &stopped {
+            let status = self.status().await?;
+            self.require_remote(&status)?;
+        }
+        stopped
     }
 
     /// Temperature of the bath.
@@ -115,5 +117,13 @@ impl Chiller {
     /// The link, for reconnecting.
     pub fn link_mut(&mut self) -> &mut Link {
         &mut self.link
+    }
+
+    fn require_remote(&self, status: &Status) -> Result<(), LinkError> {
+        if status.remote {
+            return Ok(());
+        }
+        let expected = "remote mode (set it on the panel: in manual mode commands are ignored)";
+        Err(LinkError::unexpected(self.link.name(), self.dialect.queries()[1], &status.raw, expected))
     }
 }
