@@ -3,6 +3,12 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test that panics has found something")]
 
 mod device;
+mod drivers;
+mod drivers_generator;
+mod drivers_power;
+mod drivers_scope;
+mod drivers_supply4q;
+mod drivers_thermal;
 mod link;
 mod mocks_devices;
 mod mocks_plant;
