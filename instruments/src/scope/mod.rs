@@ -120,8 +120,6 @@ pub struct Queries {
     pub stopped: &'static str,
     /// Points of the acquisition.
     pub points: &'static str,
-    /// Points of the greatest page, as announced; a page may be shorter.
-    pub page: &'static str,
     /// Descriptor of the chosen channel (a block).
     pub preamble: &'static str,
     /// Samples of the chosen page (a block).
@@ -271,17 +269,17 @@ impl Scope {
     /// The link's; a descriptor that cannot be read (zeroed where no frame was ever completed); a page that is empty.
     pub async fn download(&mut self, channel: u8, points: u64) -> Result<Waveform, LinkError> {
         let queries = self.dialect.queries();
-        let in_memory = self.count(queries.points).await?;
+        let answer = self.link.query(queries.points).await?;
+        let in_memory = leading_number(&answer)
+            .filter(|count| *count >= 1.0)
+            .ok_or_else(|| LinkError::unexpected(self.link.name(), queries.points, &answer, "a number of points"))?;
         let stride = ((in_memory / points.max(1) as f64).round() as u64).max(1);
-        let page = self.count(queries.page).await?;
-        // Whether the start of a second page counts points of the record or those left by the stride is written nowhere: thinned out by the scope
-        // only what fits one page, the rest here.
-        if stride == 1 || in_memory / stride as f64 <= page {
-            let waveform = self.transfer(channel, stride).await?;
-            if waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride) {
-                return Ok(waveform);
-            }
+        let waveform = self.transfer(channel, stride).await?;
+        if waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride) {
+            return Ok(waveform);
         }
+        // Whether the start of a second page counts points of the record or those left by the stride is written nowhere: what the scope thins out
+        // must fit one page, the rest is thinned out here. How long a page is shows when it comes; some are shorter than announced.
         let mut whole = self.transfer(channel, 1).await?;
         whole.codes = whole.codes.into_iter().step_by(usize::try_from(stride).unwrap_or(usize::MAX)).collect();
         whole.interval_s *= stride as f64;
@@ -317,14 +315,6 @@ impl Scope {
         };
         let codes = self.dialect.codes(&block).map_err(|expected| unexpected(&expected))?;
         if codes.is_empty() { Err(unexpected("samples")) } else { Ok(codes) }
-    }
-
-    /// Asks for a number of points, at least 1.
-    async fn count(&mut self, query: &str) -> Result<f64, LinkError> {
-        let answer = self.link.query(query).await?;
-        leading_number(&answer)
-            .filter(|count| *count >= 1.0)
-            .ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a number of points"))
     }
 
     /// Leaves the panel usable: a scope drives nothing, so that there is nothing to switch off.

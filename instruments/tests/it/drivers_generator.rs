@@ -7,10 +7,15 @@ use instruments::{
         plant::{Action, GeneratorState},
     },
     scpi::decode::Terminator,
+    transcript::Tap,
+    transport::MemoryHub,
     units::{Hertz, Volts},
 };
 
-use crate::drivers::{Rig, dialect, in_virtual_time};
+use crate::{
+    device::{Reply, now, open, serve_memory},
+    drivers::{Rig, dialect, in_virtual_time},
+};
 
 const MODEL: &str = "siglent-sdg1000x";
 
@@ -181,6 +186,34 @@ fn any_pair_of_amplitude_and_offset_follows_any_other() {
             assert_eq!((last(&rig).amplitude_v, last(&rig).offset_v), (amplitude_v, offset_v));
         }
     });
+}
+
+/// As a firmware that takes the keys one by one: the old offset clamps the new amplitude, and then is gone.
+#[test]
+fn an_amplitude_that_the_old_offset_clamped_is_set_once_more_and_no_more() {
+    for (clamped_times, succeeds) in [(0, true), (1, true), (2, false)] {
+        in_virtual_time(async |clock| {
+            let hub = MemoryHub::new();
+            let mut asked = 0;
+            let script = move |message: &str| match message {
+                "C1:BSWV?" => {
+                    asked += 1;
+                    let amplitude = if asked > clamped_times { "8V" } else { "4V" };
+                    now(format!("C1:BSWV WVTP,SINE,FRQ,10HZ,PERI,0.1S,AMP,{amplitude},OFST,0V,PHSE,0\n"))
+                }
+                "C1:OUTP?" => now("C1:OUTP OFF,LOAD,HZ,PLRT,NOR\n"),
+                query if query.ends_with('?') => now("C1:BTWV STATE,OFF\n"),
+                _ => Reply::Silence,
+            };
+            let heard = serve_memory(&hub, &clock, script);
+            let dialect = dialect!(generator, MODEL);
+            let link = open("memory:device", dialect.profile(), &clock, &hub, Tap::none()).await.unwrap();
+            let outcome = Generator::new(link, dialect, 1).sine(&sine(10.0, 4.0, 0.0)).await;
+            assert_eq!(outcome.is_ok(), succeeds, "{outcome:?}");
+            let settings = heard.lock().unwrap().iter().filter(|(_, message)| message.starts_with("C1:BSWV WVTP")).count();
+            assert_eq!(settings, usize::min(clamped_times + 1, 2));
+        });
+    }
 }
 
 #[test]
