@@ -14,7 +14,7 @@ use instruments::{
 
 use crate::{
     device::{Reply, now, open, serve_memory},
-    drivers::{Rig, dialect, in_virtual_time},
+    drivers_common::{Rig, dialect, in_virtual_time},
 };
 
 const MODEL: &str = "siglent-sdg1000x";

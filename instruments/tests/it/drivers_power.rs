@@ -11,7 +11,7 @@ use instruments::{
     units::{Amps, Volts},
 };
 
-use crate::drivers::{Rig, dialect, in_virtual_time};
+use crate::drivers_common::{Rig, dialect, in_virtual_time};
 
 const LOAD: &str = "siglent-sdl1000x";
 const SUPPLY: &str = "siglent-spd3303x";

@@ -14,7 +14,7 @@ use instruments::{
 
 use crate::{
     device::open,
-    drivers::{Rig, dialect, in_time, in_virtual_time},
+    drivers_common::{Rig, dialect, in_time, in_virtual_time},
     mocks_plant::{AMPLITUDE_V, FREQ_HZ, Recorder, base_v},
 };
 

@@ -22,7 +22,7 @@ use instruments::{
 
 use crate::{
     device::open,
-    drivers::{Rig, dialect, in_time, in_virtual_time},
+    drivers_common::{Rig, dialect, in_time, in_virtual_time},
     mocks_plant::Recorder,
 };
 
