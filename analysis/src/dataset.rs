@@ -218,30 +218,6 @@ pub fn read_spectrum_parquet(path: &Path) -> Result<Vec<ImpedancePoint>, Dataset
     rows::read_parquet(path)
 }
 
-/// Writes a time series as CSV, [`SERIES_COLUMNS`].
-///
-/// # Errors
-/// [`DatasetError::Io`].
-pub fn write_series_csv(path: &Path, series: &[SeriesRow]) -> Result<(), DatasetError> {
-    rows::write_csv(path, series)
-}
-
-/// Appends one row to a time series in CSV, or starts the file; it is on disk when this returns. A torn last line is removed first.
-///
-/// # Errors
-/// [`DatasetError::Io`]; [`DatasetError::Header`] if the file is something else.
-pub fn append_series_csv(path: &Path, row: &SeriesRow) -> Result<(), DatasetError> {
-    rows::append_csv(path, row)
-}
-
-/// Reads a time series from CSV. A last line without its end is a torn one and left out.
-///
-/// # Errors
-/// [`DatasetError::Io`], [`DatasetError::Header`], [`DatasetError::Field`].
-pub fn read_series_csv(path: &Path) -> Result<Vec<SeriesRow>, DatasetError> {
-    rows::read_csv(path)
-}
-
 /// Writes a time series as Parquet, [`SERIES_COLUMNS`].
 ///
 /// # Errors

@@ -16,6 +16,7 @@ use instruments::{
     supply4q::{self, Supply4q},
     transcript::Tap,
     transport::MemoryHub,
+    units::Volts,
 };
 
 use crate::config;
@@ -45,6 +46,16 @@ pub enum BenchError {
         /// Its answer.
         found: String,
     },
+    /// An output is off by its own word, and yet a current flows.
+    #[error("{role} ({model}): expected no current with its output off, measured {amps:.3} A")]
+    Flowing {
+        /// Its role.
+        role: &'static str,
+        /// Its model in the configuration.
+        model: String,
+        /// The current, A.
+        amps: f64,
+    },
     /// A step needs a role that the bench lacks.
     #[error("the bench has no {role}, which this step needs")]
     Missing {
@@ -60,6 +71,14 @@ pub enum BenchError {
         model: String,
     },
 }
+
+/// How often safe state is tried again, and the pause before each, s.
+const SAFE_RETRIES: usize = 5;
+const SAFE_PAUSE_S: f64 = 1.0;
+/// After this time no current may flow, s.
+const SAFE_SETTLE_S: f64 = 0.5;
+/// What meters show for no current, A.
+const SAFE_CURRENT_A: f64 = 0.05;
 
 /// What all links of a bench share.
 pub struct Connections {
@@ -90,6 +109,8 @@ pub struct Bench {
     /// The jig, where a device changes the fixture.
     pub jig: Option<Jig>,
     models: BTreeMap<&'static str, config::Instrument>,
+    clock: Clock,
+    command_offset_v: f64,
 }
 
 /// An instrument's identity, for the manifest.
@@ -139,14 +160,17 @@ impl Bench {
         };
         Ok(Self {
             supply4q: open!(supply4q, connections, "supply4q", &instruments.supply4q).map(|(link, d)| Supply4q::new(link, d)),
-            generator: open!(generator, connections, "generator", &instruments.generator).map(|(link, d)| Generator::new(link, d, channel)),
+            generator: open!(generator, connections, "generator", &instruments.generator)
+                .map(|(link, d)| Generator::new(link, d).on_channels(vec![u16::from(channel)])),
             scope: open!(scope, connections, "scope", &instruments.scope).map(|(link, d)| Scope::new(link, d)),
             load: open!(load, connections, "load", &instruments.load).map(|(link, d)| Load::new(link, d)),
             supply: open!(supply, connections, "supply", &instruments.supply).map(|(link, d)| Supply::new(link, d)),
             chiller: open!(chiller, connections, "chiller", &instruments.chiller).map(|(link, d)| Chiller::new(link, d)),
             logger: open!(logger, connections, "logger", &instruments.logger.as_ref().map(|(instrument, _, _)| instrument))
-                .map(|(link, d)| Logger::new(link, d, logger_channels)),
+                .map(|(link, d)| Logger::new(link, d).on_channels(logger_channels)),
             jig,
+            clock: connections.clock.clone(),
+            command_offset_v: config.wiring.command_offset_v,
             models: instruments.addressed().into_iter().map(|(role, instrument)| (role, instrument.clone())).collect(),
         })
     }
@@ -207,54 +231,77 @@ impl Bench {
         }
     }
 
-    /// Switches everything off that can move charge, in the order that cannot harm the cell, each read back: first what drives the cell, then its
-    /// command, then load and charger. Every instrument is tried, whatever happens to the others; a dropped link is reconnected first.
+    /// Switches everything off that can move charge, and proves it: each output is read back, and half a second later no current may flow.
+    ///
+    /// The generator is brought to its least sine first, which ends the current at once; its output goes off only when the supply's is known to be off,
+    /// for without its offset the supply's zero error would flow. Every instrument is tried, whatever happens to the others, and those that fail are
+    /// tried again for a while on fresh connections: switching off is idempotent.
     ///
     /// # Errors
     /// Every instrument whose safe state could not be verified.
     pub async fn safe_state(&mut self) -> Result<(), Vec<BenchError>> {
+        let mut failures = self.try_safe().await;
+        for _ in 0..SAFE_RETRIES {
+            if failures.is_empty() {
+                break;
+            }
+            self.clock.sleep_s(SAFE_PAUSE_S).await;
+            failures = self.try_safe().await;
+        }
+        if failures.is_empty() {
+            self.clock.sleep_s(SAFE_SETTLE_S).await;
+            failures = self.still_flowing().await;
+        }
+        if failures.is_empty() { Ok(()) } else { Err(failures) }
+    }
+
+    async fn try_safe(&mut self) -> Vec<BenchError> {
         let mut failures = Vec::new();
-        macro_rules! make_safe {
-            ($role:literal, $field:ident) => {
+        macro_rules! attempt {
+            ($role:literal, $field:ident, $action:expr) => {
                 if let Some(instrument) = self.$field.as_mut() {
-                    let mut result = instrument.safe().await;
-                    if result.is_err() {
-                        // One more try on a fresh connection: switching off is idempotent.
-                        result = match instrument.link_mut().reconnect().await {
-                            Ok(()) => instrument.safe().await,
-                            Err(error) => Err(error),
-                        };
+                    if instrument.link_mut().is_dropped() {
+                        // When that fails, so does the attempt, and says why.
+                        let _ = instrument.link_mut().reconnect().await;
                     }
-                    if let Err(source) = result {
+                    if let Err(source) = $action(instrument).await {
                         let model = self.models.get($role).map_or("", |instrument| instrument.model.as_str());
                         failures.push(wrap($role, model, source));
                     }
                 }
             };
         }
-        make_safe!("supply4q", supply4q);
-        make_safe!("generator", generator);
-        make_safe!("load", load);
-        make_safe!("supply", supply);
-        if failures.is_empty() { Ok(()) } else { Err(failures) }
+        let offset = Volts(self.command_offset_v);
+        attempt!("generator", generator, async |generator: &mut Generator| generator.quiet(offset).await);
+        let before = failures.len();
+        attempt!("supply4q", supply4q, async |supply: &mut Supply4q| supply.safe().await);
+        if failures.len() == before {
+            attempt!("generator", generator, async |generator: &mut Generator| generator.safe().await);
+        }
+        attempt!("load", load, async |load: &mut Load| load.safe().await);
+        attempt!("supply", supply, async |supply: &mut Supply| supply.safe().await);
+        failures
     }
 
-    /// Drops and reopens every link that can switch something: after a step was cut off in the middle of an exchange, the next answer on its link
-    /// would be the last question's.
-    pub async fn reconnect_outputs(&mut self) {
-        macro_rules! again {
-            ($field:ident) => {
+    /// Outputs that say they are off while a current flows.
+    async fn still_flowing(&mut self) -> Vec<BenchError> {
+        let mut failures = Vec::new();
+        macro_rules! measure {
+            ($role:literal, $field:ident) => {
                 if let Some(instrument) = self.$field.as_mut() {
-                    if let Err(error) = instrument.link_mut().reconnect().await {
-                        tracing::warn!("{error}");
+                    let model = self.models.get($role).map_or("", |instrument| instrument.model.as_str());
+                    match instrument.measure().await {
+                        Ok((_, amps)) if amps.value().abs() <= SAFE_CURRENT_A => {}
+                        Ok((_, amps)) => failures.push(BenchError::Flowing { role: $role, model: model.to_owned(), amps: amps.value() }),
+                        Err(source) => failures.push(wrap($role, model, source)),
                     }
                 }
             };
         }
-        again!(supply4q);
-        again!(generator);
-        again!(load);
-        again!(supply);
+        measure!("supply4q", supply4q);
+        measure!("load", load);
+        measure!("supply", supply);
+        failures
     }
 
     /// The model that the configuration gives a role.

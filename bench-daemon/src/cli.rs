@@ -11,11 +11,16 @@ use crate::{
 
 const EXAMPLES: &str = "\
 Examples:
-  eis-bench run configs/experiments/demo.toml          the whole job on the built-in simulated bench, in seconds
-  eis-bench plan configs/experiments/thesis.toml       what would be done, and for how long, without touching anything
-  eis-bench identify configs/benches/thesis.toml       who answers at the configured addresses; changes nothing
-  eis-bench mock configs/benches/demo.toml --json      the simulated instruments on real ports, until Ctrl-C
-  eis-bench fit SPECTRUM.csv --rc all                  fit the extended Randles model to spectra from anywhere
+  The whole job on the built-in simulated bench, in seconds:
+    eis-bench run configs/experiments/demo.toml
+  What would be done, and for how long, without touching anything:
+    eis-bench plan configs/experiments/thesis.toml
+  Who answers at the configured addresses; changes nothing:
+    eis-bench identify configs/benches/thesis.toml
+  The simulated instruments on real ports, until Ctrl-C:
+    eis-bench mock configs/benches/demo.toml --json
+  Fit the extended Randles model to spectra from anywhere:
+    eis-bench fit SPECTRUM.csv --rc all --out FOLDER
 
 Exit codes:
   0  done
@@ -25,7 +30,7 @@ Exit codes:
   4  the fixture check failed: the bench is not to be believed
   5  the interlock tripped
   6  safe state could not be verified: LOOK AT THE BENCH
-  130  stopped by Ctrl-C; the bench was brought into safe state";
+  130  stopped by Ctrl-C, SIGTERM or the end of the terminal; the bench was brought into safe state";
 
 /// Runs a battery test bench and turns what it measures into a model that a robot can trust.
 #[derive(Debug, Parser)]
@@ -81,7 +86,7 @@ pub struct PlanArgs {
 /// Arguments of `mock`.
 #[derive(Debug, Args)]
 pub struct MockArgs {
-    /// The bench file; needs a [simulation] section.
+    /// The bench file; needs a section `[simulation]`.
     pub bench: PathBuf,
     /// Print the addresses as one line of JSON.
     #[arg(long)]

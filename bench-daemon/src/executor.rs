@@ -18,7 +18,7 @@ pub use sine::SweepPoint;
 use crate::{
     bench::{Bench, BenchError},
     config::{self, Experiment},
-    interlock::{self, Reading, Trip},
+    interlock::{self, Limits, Reading, Trip},
     operator::{Operator, OperatorError},
     plan::{Stage, Step},
     progress::Progress,
@@ -72,6 +72,11 @@ pub enum ExecuteError {
 
 /// Seconds between two readings while current flows.
 const POLL_S: f64 = 1.0;
+/// With its command at zero the bipolar supply may drive this much, A: more is a zero error that wants trimming.
+const IDLE_CURRENT_A: f64 = 0.2;
+/// What a meter may show for no current, and its gain error, as parts of a step's envelope.
+const METER_ZERO_A: f64 = 0.1;
+const METER_GAIN: f64 = 1.1;
 /// A temperature is read with every so many readings.
 const TEMPERATURE_EVERY: u32 = 10;
 
@@ -95,7 +100,11 @@ pub struct Executor<'a> {
     applied: [Option<Vertical>; 4],
     /// Level of the trigger; follows the signal.
     trigger_v: Volts,
+    /// What the step in work may expose the cell to.
+    envelope: Limits,
     polls: u32,
+    /// The logger scans nothing before it was told what.
+    logger_ready: bool,
 }
 
 impl<'a> Executor<'a> {
@@ -116,7 +125,9 @@ impl<'a> Executor<'a> {
             verticals: [None; 4],
             applied: [None; 4],
             trigger_v: Volts(0.0),
+            envelope: experiment.cell.limits,
             polls: 0,
+            logger_ready: false,
         }
     }
 
@@ -137,6 +148,7 @@ impl<'a> Executor<'a> {
             tracing::info!("step: {step}");
             self.recorder.event(&step.to_string())?;
             self.progress.begin(&stage.purpose.to_string(), step);
+            self.set_envelope(step);
             match *step {
                 Step::Mount(other) => {
                     fixture = other;
@@ -162,6 +174,20 @@ impl<'a> Executor<'a> {
         Ok(points)
     }
 
+    /// What may flow during a step is far less than what the cell could bear.
+    fn set_envelope(&mut self, step: &Step) {
+        let cell = self.experiment.cell.limits;
+        let drawn = |amps: f64| METER_GAIN * amps + METER_ZERO_A;
+        self.envelope = match *step {
+            Step::Discharge { current_a, .. } => cell.bounded(METER_ZERO_A, drawn(current_a)),
+            Step::Charge { current_a, .. } => cell.bounded(drawn(current_a), METER_ZERO_A),
+            Step::PowerUp { limit_a, .. } => cell.bounded(limit_a, limit_a),
+            // Between power-up and power-down the limit of the power-up holds.
+            Step::Sine { .. } | Step::PowerDown => self.envelope,
+            Step::Mount(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => cell.bounded(METER_ZERO_A, METER_ZERO_A),
+        };
+    }
+
     async fn mount(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         self.bench.safe_state().await.map_err(first)?;
         self.verticals = [None; 4];
@@ -183,26 +209,31 @@ impl<'a> Executor<'a> {
         let offset = Volts(self.experiment.bench.wiring.command_offset_v);
         let generator = require(&mut self.bench.generator, "generator")?;
         generator.output(false).await.map_err(&error)?;
-        generator.steady(offset).await.map_err(&error)?;
+        generator.quiet(offset).await.map_err(&error)?;
         let error = self.bench.error("supply4q");
         let supply = require(&mut self.bench.supply4q, "supply4q")?;
         supply.prepare(limits).await.map_err(&error)?;
         if fixture == Fixture::Cell {
-            // A cell that is missing, reversed or ruined must not be driven: its terminals are read while the output is still off.
-            let reading = self.read_supply4q().await?;
+            // A cell that is missing, reversed, ruined or too hot must not be driven: it is read while the output is still off.
+            let mut reading = self.read_supply4q().await?;
+            reading.temperature_c = self.cell_temperature().await?;
             self.judge("idle", reading)?;
         }
         // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
-        let generator_error = self.bench.error("generator");
-        require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;
-        require(&mut self.bench.supply4q, "supply4q")?.energise().await.map_err(&error)?;
         let scope_error = self.bench.error("scope");
         let memory_points = self.experiment.eis.memory_points;
         let scope = require(&mut self.bench.scope, "scope")?;
         scope.set(&instruments::scope::Intent::Session { memory_points }).await.map_err(scope_error)?;
-        let reading = self.read_supply4q().await?;
+        let generator_error = self.bench.error("generator");
+        require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;
+        require(&mut self.bench.supply4q, "supply4q")?.energise().await.map_err(&error)?;
+        let mut reading = self.read_supply4q().await?;
         let idle_a = reading.current_a.unwrap_or(0.0);
-        let allowed_a = 0.5 * self.experiment.eis.amplitude_a;
+        if fixture != Fixture::Cell {
+            reading.voltage_v = None;
+        }
+        self.judge("idle", reading)?;
+        let allowed_a = IDLE_CURRENT_A.min(0.5 * self.experiment.eis.amplitude_a);
         if idle_a.abs() > allowed_a {
             return Err(ExecuteError::Disobeyed {
                 what: "bipolar supply with its command at zero".to_owned(),
@@ -230,13 +261,18 @@ impl<'a> Executor<'a> {
                 return Ok(());
             }
             self.clock.sleep_s(left_s.min(POLL_S)).await;
-            let mut reading = self.read_supply4q().await?;
-            if fixture != Fixture::Cell {
-                // A copper wire has no voltage limits.
-                reading.voltage_v = None;
-            }
-            self.judge("sine", reading)?;
+            self.watch(fixture).await?;
         }
+    }
+
+    /// One reading of the bipolar supply, judged.
+    async fn watch(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
+        let mut reading = self.read_supply4q().await?;
+        if fixture != Fixture::Cell {
+            // A copper wire has no voltage limits.
+            reading.voltage_v = None;
+        }
+        self.judge("sine", reading)
     }
 
     async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
@@ -246,24 +282,27 @@ impl<'a> Executor<'a> {
         Ok(Reading { time_s: self.clock.now_s(), voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
     }
 
-    /// The cell's temperature with every tenth reading; an open thermocouple is a missing reading and trips.
+    /// The cell's temperature with every tenth reading.
     async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
         self.polls = self.polls.wrapping_add(1);
-        if self.bench.logger.is_none() || !self.polls.is_multiple_of(TEMPERATURE_EVERY) {
-            return Ok(None);
-        }
-        self.cell_temperature().await
+        if self.polls.is_multiple_of(TEMPERATURE_EVERY) { self.cell_temperature().await } else { Ok(None) }
     }
 
+    /// The cell's temperature; nothing on a bench without a logger. An open thermocouple is a reading that is no number, and trips.
     async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
         let error = self.bench.error("logger");
-        let readings = require(&mut self.bench.logger, "logger")?.scan().await.map_err(error)?;
+        let Some(logger) = self.bench.logger.as_mut() else { return Ok(None) };
+        if !self.logger_ready {
+            logger.configure().await.map_err(&error)?;
+            self.logger_ready = true;
+        }
+        let readings = logger.scan().await.map_err(error)?;
         Ok(Some(readings.first().copied().flatten().map_or(f64::NAN, |celsius| celsius.value())))
     }
 
     fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
         self.recorder.reading(phase, &reading)?;
-        match interlock::judge(&self.experiment.cell.limits, &reading) {
+        match interlock::judge(&self.envelope, &reading) {
             Some(trip) => Err(trip.into()),
             None => Ok(()),
         }

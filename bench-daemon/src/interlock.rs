@@ -17,6 +17,14 @@ pub struct Limits {
     pub max_c: f64,
 }
 
+impl Limits {
+    /// The same with less current, A: the smaller of each counts.
+    #[must_use]
+    pub fn bounded(self, charge_a: f64, discharge_a: f64) -> Self {
+        Self { charge_a: self.charge_a.min(charge_a), discharge_a: self.discharge_a.min(discharge_a), ..self }
+    }
+}
+
 /// What was read at one time; what an instrument does not tell is `None`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Reading {
@@ -86,5 +94,13 @@ mod tests {
             let trip = judge(&LIMITS, &reading).map(|trip| trip.to_string()).unwrap_or_default();
             assert!(trip.starts_with(text), "{trip}");
         }
+    }
+
+    #[test]
+    fn a_step_allows_less_than_the_cell_and_never_more() {
+        let step = LIMITS.bounded(2.0, 60.0);
+        assert_eq!((step.charge_a, step.discharge_a, step.max_v), (2.0, 45.0, 4.2));
+        let reading = Reading { current_a: Some(2.5), ..Reading::default() };
+        assert!(judge(&LIMITS, &reading).is_none() && judge(&step, &reading).is_some());
     }
 }

@@ -1,6 +1,6 @@
 //! The daemon of a battery test bench: decides, records, reports. The only crate that knows configuration files and the command line.
 //!
-//! In reading order: [`config`] (files → a checked experiment), [`procedure`] (experiment → [`plan`]), [`interlock`] (reading → trip), [`bench`] (the
+//! In reading order: [`config`] (files → a checked experiment), [`procedure`] (experiment → [`plan`]), [`interlock`] (reading → trip), [`mod@bench`] (the
 //! named instruments), [`executor`] (plan → instruments → records), [`record`] (the run folder), [`sim`] (a simulated world behind mocks),
 //! [`command`] (what the command line does).
 
@@ -14,6 +14,7 @@ pub mod interlock;
 pub mod logging;
 pub mod operator;
 pub mod plan;
+pub mod present;
 pub mod procedure;
 pub mod progress;
 pub mod record;

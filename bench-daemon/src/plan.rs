@@ -162,6 +162,8 @@ impl Plan {
 
 /// How often a point is measured again because a channel clipped or was too small.
 pub const MAX_RANGING: usize = 4;
+/// The compliance of the bipolar supply lies so far above the cell's greatest voltage, V: enough that its voltage loop never acts on a sound cell.
+const COMPLIANCE_V: (f64, f64) = (0.25, 2.5);
 /// Seconds that setting up and downloading one point takes, as a rule of thumb.
 const OVERHEAD_S: f64 = 2.0;
 
@@ -198,8 +200,12 @@ impl Step {
                     return Err(format!("expected a shortest rest of at most {max_s} s, found {min_s} s"));
                 }
             }
-            Self::PowerUp { limit_a, .. } => {
+            Self::PowerUp { compliance_v, limit_a } => {
                 needs_off()?;
+                let (least, greatest) = (limits.max_v + COMPLIANCE_V.0, limits.max_v + COMPLIANCE_V.1);
+                if !(least..=greatest).contains(&compliance_v) {
+                    return Err(format!("expected a compliance within {least:.2} V to {greatest:.2} V, found {compliance_v} V"));
+                }
                 current(limit_a, 1.5 * limits.charge_a.min(limits.discharge_a), "current limit")?;
             }
             Self::Sine { freq_hz, amplitude_a, .. } => {
@@ -316,6 +322,7 @@ mod tests {
         let discharge = |current_a, until_v| Step::Discharge { current_a, until_v, max_s: 60.0 };
         for (steps, reason) in [
             (vec![SINE], "expected the bipolar supply to be up"),
+            (vec![Step::PowerUp { compliance_v: 4.2, limit_a: 3.0 }], "expected a compliance within 4.45 V to 6.70 V, found 4.2 V"),
             (vec![UP, SINE], "taken down before the stage ends"),
             (vec![UP, Step::Mount(Fixture::Shunt), Step::PowerDown], "expected the bipolar supply to be down"),
             (vec![UP, discharge(5.0, 3.5), Step::PowerDown], "expected the bipolar supply to be down"),

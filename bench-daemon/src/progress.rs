@@ -1,6 +1,9 @@
 //! What the person watching sees: a bar with the time left.
 
-use std::{cell::Cell, io::IsTerminal};
+use std::{
+    cell::Cell,
+    io::{IsTerminal, Write},
+};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -35,7 +38,8 @@ impl Progress {
         self.bar.set_message(format!("{stage}: {step}"));
         let known = stage.bytes().fold(1_u64, |hash, byte| hash.wrapping_mul(31).wrapping_add(u64::from(byte)));
         if !self.terminal && self.stage.replace(known) != known {
-            eprintln!("{stage} …");
+            // A reader that is gone is no reason to stop a measurement.
+            let _ = writeln!(std::io::stderr(), "{stage} …");
         }
     }
 

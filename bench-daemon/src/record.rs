@@ -1,6 +1,7 @@
 //! The run folder, written as the run goes: whatever is finished is on disk before the next thing is begun.
 //!
-//! `config/` the files that were read · `manifest.json` what ran · `events.csv` every step with bench time · `readings.csv` every reading ·
+//! `config/` the files that were read · `manifest.json` what ran · `events.csv` every step with bench time · `readings.csv` every reading (at the end
+//! also `readings.parquet`) ·
 //! `captures/FIXTURE/…parquet` raw ADC codes · `raw_FIXTURE.csv` impedances before correction · `correction.json` · `spectrum.csv`, `.parquet` ·
 //! `model_Nrc.json` · `plots/` · `report.html` · `transcripts/` every message · `log.txt`.
 
@@ -11,7 +12,7 @@ use std::{
 };
 
 use analysis::{
-    dataset::{self, Capture, CaptureMeta, ChannelMeta, DatasetError},
+    dataset::{self, Capture, CaptureMeta, ChannelMeta, DatasetError, SeriesRow},
     sine::CodeScale,
     spectrum::ImpedancePoint,
 };
@@ -67,6 +68,7 @@ pub struct Recorder {
     clock: Clock,
     events: BufWriter<File>,
     readings: BufWriter<File>,
+    series: Vec<SeriesRow>,
     warnings: Vec<String>,
 }
 
@@ -87,7 +89,7 @@ impl Recorder {
         let mut readings = create(&folder.join("readings.csv"))?;
         line(&mut events, &folder.join("events.csv"), "time_s,event")?;
         line(&mut readings, &folder.join("readings.csv"), "time_s,phase,voltage_v,current_a,temperature_c")?;
-        Ok(Self { folder: folder.to_owned(), clock, events, readings, warnings: Vec::new() })
+        Ok(Self { folder: folder.to_owned(), clock, events, readings, series: Vec::new(), warnings: Vec::new() })
     }
 
     /// The folder.
@@ -131,7 +133,21 @@ impl Recorder {
             cell(reading.current_a, 6),
             cell(reading.temperature_c, 4)
         );
+        self.series.push(SeriesRow {
+            time_s: reading.time_s,
+            voltage_v: reading.voltage_v.unwrap_or(f64::NAN),
+            current_a: reading.current_a.unwrap_or(f64::NAN),
+            temperature_c: reading.temperature_c.unwrap_or(f64::NAN),
+        });
         line(&mut self.readings, &self.folder.join("readings.csv"), &row)
+    }
+
+    /// Writes all readings again as one table with full digits, at the end of a run.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn finish_readings(&self) -> Result<(), RecordError> {
+        Ok(dataset::write_series_parquet(&self.path("readings.parquet"), &self.series)?)
     }
 
     /// Writes the raw codes of a point, whole and before anything is made of them.
@@ -199,6 +215,10 @@ impl Recorder {
 
     /// Remembers something odd for the report.
     pub fn warning(&mut self, text: &str) {
+        // A folder that cannot be written ends the run at the next record; the warning itself is not worth it.
+        if let Err(error) = self.event(&format!("note: {text}")) {
+            tracing::error!("{error}");
+        }
         self.warnings.push(text.to_owned());
     }
 

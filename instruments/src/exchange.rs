@@ -2,7 +2,13 @@
 //!
 //! A dialect is sync and sends nothing itself, so that the very texts that go to an instrument can be printed, tested and read beforehand.
 
-use crate::link::{Link, LinkError};
+use crate::{
+    link::{Link, LinkError},
+    scpi::{
+        message::{Command, parse_response},
+        number::{parse_bool, parse_quantity},
+    },
+};
 
 /// One message with its proof.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +24,13 @@ pub enum Exchange {
         /// What the answer must be.
         expect: Expect,
     },
+    /// Not sent: what was wanted cannot be written as a message, such as a number that is none. Playing it is an error.
+    Refuse {
+        /// The header of what was wanted.
+        message: String,
+        /// Why it is not sent.
+        reason: String,
+    },
 }
 
 /// What a read-back must show.
@@ -30,21 +43,25 @@ pub enum Expect {
         /// Greatest allowed difference; covers the rounding of the instrument's display.
         tolerance: f64,
     },
-    /// One of these words, whatever the case.
-    Word(&'static [&'static str]),
-    /// A field of a Siglent `KEY,value,KEY,value` answer with a number within `tolerance` of `value`.
-    Fields(Vec<(&'static str, f64, f64)>),
-    /// One or more numbers separated by commas, each of either sign and within `tolerance` of `value`: both sides of a limit.
-    Magnitudes {
+    /// Two numbers of this magnitude: a limit of both signs, answered as `pos, neg`.
+    Magnitude {
         /// Expected magnitude.
         value: f64,
         /// Greatest allowed difference.
         tolerance: f64,
     },
+    /// A switch in this position, answered as `1`/`0` or `ON`/`OFF`.
+    Switch(bool),
+    /// One of these words, whatever the case.
+    Word(&'static [&'static str]),
+    /// A field of a Siglent `KEY,value,KEY,value` answer with a number within `tolerance` of `value`.
+    Fields(Vec<(&'static str, f64, f64)>),
+    /// A field of a Siglent `KEY,value,KEY,value` answer with this word.
+    FieldWord(&'static str, &'static str),
+    /// All of these.
+    All(Vec<Expect>),
     /// The answer contains this text, whatever the case.
     Contains(String),
-    /// All of these hold of the one answer.
-    All(Vec<Expect>),
     /// The low bits of a hexadecimal status word: `word & mask == bits`.
     Bits {
         /// Bits that count.
@@ -60,6 +77,30 @@ impl Exchange {
         Self::Send(message.into())
     }
 
+    /// A command as it is built, trusted to the error queue.
+    pub fn command(header: &str, arguments: impl FnOnce(Command) -> Command) -> Self {
+        match arguments(Command::new(header)).build() {
+            Ok(message) => Self::Send(message),
+            Err(error) => Self::Refuse { message: header.to_owned(), reason: error.to_string() },
+        }
+    }
+
+    /// `HEADER value` with so many decimals and never an exponent; `HEADER?` must then show the value.
+    pub fn fixed(header: &str, value: f64, (decimals, tolerance): (usize, f64)) -> Self {
+        match Self::command(header, |command| command.fixed(value, decimals)) {
+            Self::Send(message) => Self::number(message, format!("{header}?"), value, tolerance),
+            refused => refused,
+        }
+    }
+
+    /// `HEADER ON` or `HEADER OFF`; `HEADER?` must then show it.
+    pub fn switch(header: &str, on: bool) -> Self {
+        match Self::command(header, |command| command.on_off(on)) {
+            Self::Send(message) => Self::Set { message, read_back: format!("{header}?"), expect: Expect::Switch(on) },
+            refused => refused,
+        }
+    }
+
     /// A command whose effect is read back as a number.
     pub fn number(message: impl Into<String>, read_back: impl Into<String>, value: f64, tolerance: f64) -> Self {
         Self::Set { message: message.into(), read_back: read_back.into(), expect: Expect::Number { value, tolerance } }
@@ -72,6 +113,16 @@ impl Exchange {
 }
 
 impl Expect {
+    /// A number that was to be set and is none: no instrument may see it.
+    fn not_finite(&self) -> Option<f64> {
+        match self {
+            Self::Number { value, .. } | Self::Magnitude { value, .. } => Some(*value).filter(|value| !value.is_finite()),
+            Self::Fields(fields) => fields.iter().map(|(_, value, _)| *value).find(|value| !value.is_finite()),
+            Self::All(all) => all.iter().find_map(Self::not_finite),
+            _ => None,
+        }
+    }
+
     /// Judges an answer.
     ///
     /// # Errors
@@ -79,6 +130,17 @@ impl Expect {
     pub fn judge(&self, answer: &str) -> Result<(), String> {
         match self {
             Self::Number { value, tolerance } => judge_number(answer, *value, *tolerance, "a number"),
+            Self::Magnitude { value, tolerance } => {
+                let fields = parse_response(answer);
+                let right = |text: &str| leading_number(text).is_some_and(|number| (number.abs() - value).abs() <= *tolerance);
+                (fields.len() == 2 && fields.iter().all(|field| right(&field.text)))
+                    .then_some(())
+                    .ok_or_else(|| format!("two numbers within {tolerance:.1e} of ±{value}"))
+            }
+            Self::Switch(on) => match parse_bool(answer) {
+                Ok(met) if met == *on => Ok(()),
+                _ => Err((if *on { "1 or ON" } else { "0 or OFF" }).to_owned()),
+            },
             Self::Word(words) => words
                 .iter()
                 .any(|word| answer.trim().eq_ignore_ascii_case(word))
@@ -89,11 +151,11 @@ impl Expect {
                 // A long answer is cut where it is shown, perhaps before this field.
                 judge_number(text, *value, *tolerance, key).map_err(|expected| format!("{expected}, found {text}"))
             }),
-            Self::Magnitudes { value, tolerance } => answer.split(',').try_for_each(|part| {
-                let unsigned = part.trim().trim_start_matches(['+', '-']);
-                judge_number(unsigned, *value, *tolerance, "magnitudes")
-            }),
-            Self::All(expectations) => expectations.iter().try_for_each(|expectation| expectation.judge(answer)),
+            Self::FieldWord(key, word) => match field(answer, key) {
+                Some(met) if met.eq_ignore_ascii_case(word) => Ok(()),
+                _ => Err(format!("{key},{word}")),
+            },
+            Self::All(all) => all.iter().try_for_each(|expect| expect.judge(answer)),
             Self::Contains(text) => answer
                 .to_ascii_uppercase()
                 .contains(&text.to_ascii_uppercase())
@@ -115,19 +177,49 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
     for exchange in script {
         match exchange {
             Exchange::Send(message) => link.send(message).await?,
-            Exchange::Set { message, read_back, expect } => link.set(message, read_back, |answer| expect.judge(answer)).await?,
+            Exchange::Set { message, read_back, expect } => {
+                if let Some(value) = expect.not_finite() {
+                    let reason = format!("expected a finite number, found {value}");
+                    return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason });
+                }
+                let outcome = link.set(message, read_back, |answer| expect.judge(answer)).await;
+                believe(link, read_back, expect, outcome).await?;
+            }
+            Exchange::Refuse { message, reason } => {
+                return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason: reason.clone() });
+            }
         }
     }
     Ok(())
 }
 
-/// Plays a whole script whatever happens in between, for switching off: a message that is refused must not keep the next from being sent.
+/// Asks again for a while what was not yet so: some instruments answer before a write has taken effect. A question may be repeated, a command not.
+async fn believe(link: &mut Link, read_back: &str, expect: &Expect, outcome: Result<(), LinkError>) -> Result<(), LinkError> {
+    const PATIENCE: [f64; 4] = [0.1, 0.2, 0.3, 0.4];
+    if !matches!(outcome, Err(LinkError::ReadBack { .. })) {
+        return outcome;
+    }
+    for seconds in PATIENCE {
+        link.clock().clone().sleep_s(seconds).await;
+        if expect.judge(&link.query(read_back).await?).is_ok() {
+            return Ok(());
+        }
+    }
+    outcome
+}
+
+/// Plays a whole script whatever happens in between, for switching off: neither a message that is refused nor an answer that stays away must keep the
+/// next message from being sent. A link that was dropped is reconnected for it.
 ///
 /// # Errors
 /// The link's error for the first message that failed.
 pub async fn play_all(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError> {
     let mut outcome = Ok(());
     for exchange in script {
+        if link.is_dropped() {
+            // When that fails, so will the message, and say why.
+            let _ = link.reconnect().await;
+        }
         let played = play(link, std::slice::from_ref(exchange)).await;
         outcome = outcome.and(played);
     }
@@ -147,29 +239,13 @@ pub async fn forget_errors(link: &mut Link) -> Result<(), LinkError> {
 
 /// The number at the start of an answer, whatever unit follows it.
 pub fn leading_number(answer: &str) -> Option<f64> {
-    let text = answer.trim();
-    let mut end = 0;
-    let bytes = text.as_bytes();
-    while end < bytes.len() {
-        let digit = bytes[end].is_ascii_digit() || bytes[end] == b'.';
-        let sign = matches!(bytes[end], b'+' | b'-') && (end == 0 || matches!(bytes[end - 1], b'e' | b'E'));
-        let exponent = matches!(bytes[end], b'e' | b'E')
-            && bytes.get(end + 1).is_some_and(|next| next.is_ascii_digit() || matches!(next, b'+' | b'-'))
-            && bytes[..end].iter().any(u8::is_ascii_digit);
-        if !(digit || sign || exponent) {
-            break;
-        }
-        end += 1;
-    }
-    text.get(..end)?.parse().ok()
+    parse_quantity(answer).ok().map(|quantity| quantity.value)
 }
 
 /// The value behind `key` in a `KEY,value,KEY,value` list; a header such as `C1:BSWV ` before the list is skipped.
 pub fn field<'a>(answer: &'a str, key: &str) -> Option<&'a str> {
-    let answer = answer.trim();
-    // Only a blank before the first comma ends a header; later ones are the instrument's way of writing its list.
-    let header_end = answer.split(',').next().and_then(|first| first.rfind(' '));
-    let list = header_end.and_then(|end| answer.get(end..)).unwrap_or(answer);
+    let text = answer.trim();
+    let list = text.split_once(' ').filter(|(header, _)| header.contains(':')).map_or(text, |(_, list)| list);
     let mut parts = list.split(',');
     while let Some(part) = parts.next() {
         if part.trim().eq_ignore_ascii_case(key) {
@@ -186,8 +262,9 @@ pub fn hex_word(answer: &str) -> Option<u32> {
     u32::from_str_radix(digits, 16).ok()
 }
 
+/// The last field counts: some answers repeat a keyword before it (`VALue,1.00E+00`).
 fn judge_number(answer: &str, value: f64, tolerance: f64, what: &str) -> Result<(), String> {
-    match leading_number(answer) {
+    match parse_response(answer).last().and_then(|field| leading_number(&field.text)) {
         Some(number) if (number - value).abs() <= tolerance => Ok(()),
         _ => Err(format!("{what} within {tolerance:.1e} of {value}")),
     }
@@ -212,9 +289,9 @@ impl Identity {
     /// Splits an `*IDN?` answer at its commas; answers without commas (old Kepco cards, Julabo) give maker and model by their first blank.
     pub fn parse(raw: &str) -> Self {
         let raw = raw.trim().to_owned();
-        let fields: Vec<&str> = raw.split(',').map(str::trim).collect();
+        let fields: Vec<String> = parse_response(&raw).into_iter().map(|field| field.text.trim().to_owned()).collect();
         let (maker, model, serial, firmware) = match fields.as_slice() {
-            [maker, model, serial, rest @ ..] => ((*maker).to_owned(), (*model).to_owned(), (*serial).to_owned(), rest.join(",")),
+            [maker, model, serial, rest @ ..] => (maker.clone(), model.clone(), serial.clone(), rest.join(",")),
             _ => {
                 let (maker, model) = raw.split_once(' ').unwrap_or((raw.as_str(), ""));
                 (maker.to_owned(), model.to_owned(), String::new(), String::new())
@@ -237,7 +314,6 @@ mod tests {
             ("+1.000000000000000E+03", Some(1000.0)),
             ("0.5V", Some(0.5)),
             (" 3.25 ", Some(3.25)),
-            ("1E", Some(1.0)),
             ("", None),
             ("ON", None),
         ] {
@@ -249,21 +325,37 @@ mod tests {
     fn an_expectation_says_what_it_wanted() {
         let answer = "C1:BSWV WVTP,SINE,FRQ,1000HZ,PERI,0.001S,AMP,1V,OFST,-0.28V,PHSE,0";
         assert_eq!(Expect::Fields(vec![("FRQ", 1000.0, 1e-3), ("OFST", -0.28, 1e-3)]).judge(answer), Ok(()));
-        assert_eq!(field("C1:BSWV WVTP, SINE, FRQ, 1000HZ, AMP, 1V", "FRQ"), Some("1000HZ"));
-        assert_eq!(field("WVTP,SINE,AMP,1V", "AMP"), Some("1V"));
         let refused = Expect::Fields(vec![("AMP", 2.0, 0.01)]).judge(answer).unwrap_err();
         assert!(refused.contains("AMP") && refused.contains("of 2"), "{refused}");
-        assert!(Expect::Word(&["1", "ON"]).judge("on").is_ok());
-        assert!(Expect::Word(&["1", "ON"]).judge("OFF").unwrap_err().contains("1, ON"));
+        assert_eq!(field("C1:BSWV WVTP, SINE, FRQ, 1000HZ, AMP, 1V", "FRQ"), Some("1000HZ"));
         assert_eq!(Expect::Contains("LOAD,HZ".to_owned()).judge("OUTP OFF,LOAD,50"), Err("`LOAD,HZ` in the answer".to_owned()));
-        assert!(Expect::Bits { mask: 0x10, bits: 0x10 }.judge("0x0224").is_err());
-        let both = Expect::Magnitudes { value: 3.0, tolerance: 0.01 };
+        let both = Expect::Magnitude { value: 3.0, tolerance: 0.01 };
         for (answer, accepted) in
-            [("3.0E0, -3.0E0", true), ("3.0E0", true), ("3.0E0, -2.0E1", false), ("2.0E1, -3.0E0", false), ("", false)]
+            [("3.0E0, -3.0E0", true), ("3.0E0", false), ("3.0E0, -2.0E1", false), ("2.0E1, -3.0E0", false), ("", false)]
         {
             assert_eq!(both.judge(answer).is_ok(), accepted, "{answer}");
         }
+        assert!(Expect::Word(&["FIX", "FIXED"]).judge("fixed").is_ok());
+        assert!(Expect::Word(&["FIX", "FIXED"]).judge("EXT").unwrap_err().contains("FIX, FIXED"));
+        assert!(Expect::Switch(true).judge("1").is_ok() && Expect::Switch(false).judge("off").is_ok());
+        assert_eq!(Expect::Switch(false).judge("ON").unwrap_err(), "0 or OFF");
+        assert!(Expect::Bits { mask: 0x10, bits: 0x10 }.judge("0x0224").is_err());
         assert!(Expect::Bits { mask: 0x20, bits: 0x20 }.judge("0x0224").is_ok());
+    }
+
+    #[test]
+    fn a_number_that_is_none_is_refused_before_it_is_sent() {
+        assert_eq!(
+            Exchange::fixed("CURR", 1.5, (4, 1e-3)),
+            Exchange::Set {
+                message: "CURR 1.5000".to_owned(),
+                read_back: "CURR?".to_owned(),
+                expect: Expect::Number { value: 1.5, tolerance: 1e-3 }
+            }
+        );
+        let refused = Exchange::fixed("CURR", f64::NAN, (4, 1e-3));
+        assert!(matches!(&refused, Exchange::Refuse { message, .. } if message == "CURR"), "{refused:?}");
+        assert_eq!(Expect::Fields(vec![("FRQ", 1.0, 0.1), ("AMP", f64::INFINITY, 0.1)]).not_finite(), Some(f64::INFINITY));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Talks to one instrument of a battery test bench; pretends to be one.
 //!
 //! The layers, in reading order: [`units`] and [`clock`]; [`scpi`], the sans-IO codec; [`transport`], bytes in and bytes out; [`transcript`] and
-//! [`link`], the one async seam; the roles ([`supply4q`], [`generator`], [`scope`], [`load`], [`supply`], [`chiller`], [`logger`], [`jig`]), each
+//! [`link`], the one async seam; [`exchange`] and [`instrument`], what roles are made of; the roles ([`supply4q`], [`generator`], [`scope`], [`load`], [`supply`], [`chiller`], [`logger`], [`jig`]), each
 //! with its dialects; and [`mock`], devices that answer the same messages on the same kinds of port.
 //!
 //! Knows no physics, no files, no configuration and no procedure.
@@ -10,6 +10,7 @@ pub mod chiller;
 pub mod clock;
 pub mod exchange;
 pub mod generator;
+pub mod instrument;
 pub mod jig;
 pub mod link;
 pub mod load;

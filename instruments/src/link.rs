@@ -8,14 +8,17 @@
 
 mod connection;
 mod error;
+mod guard;
 mod profile;
 
 use std::time::Duration;
 
 pub use error::LinkError;
+pub use guard::{Grammar, NEVER_SENT};
 pub use profile::{LinkOptions, LinkProfile};
 
 use connection::{Broken, Connection};
+use guard::Refusal;
 
 use crate::{
     clock::{Clock, TimeMode},
@@ -215,12 +218,14 @@ impl Link {
     }
 
     async fn tell(&mut self, message: &str) -> Result<(), LinkError> {
+        self.guard(message, false)?;
         let mut connection = self.begin(message)?;
         let handed_over = self.hand_over(&mut connection, message).await;
         self.finish(connection, handed_over)
     }
 
     async fn ask(&mut self, message: &str, expect: Expect) -> Result<Response, LinkError> {
+        self.guard(message, true)?;
         let mut connection = self.begin(message)?;
         let answer = match self.hand_over(&mut connection, message).await {
             Ok(()) => self.wait_for_answer(&mut connection, message, expect).await,
@@ -229,10 +234,19 @@ impl Link {
         self.finish(connection, answer)
     }
 
-    fn begin(&mut self, message: &str) -> Result<Connection, LinkError> {
+    fn guard(&self, message: &str, answered: bool) -> Result<(), LinkError> {
+        let LinkProfile { grammar, never_sent, .. } = self.options.profile;
+        let text = || excerpt(message.as_bytes());
         if message.is_empty() || !message.bytes().all(|byte| byte == b' ' || byte.is_ascii_graphic()) {
-            return Err(LinkError::Unsendable { link: self.link(), message: excerpt(message.as_bytes()) });
+            return Err(LinkError::Unsendable { link: self.link(), message: text() });
         }
+        guard::judge(grammar, never_sent, message, answered).map_err(|refusal| match refusal {
+            Refusal::Malformed(reason) => LinkError::Malformed { link: self.link(), message: text(), reason },
+            Refusal::Forbidden(header) => LinkError::Forbidden { link: self.link(), message: text(), header },
+        })
+    }
+
+    fn begin(&mut self, message: &str) -> Result<Connection, LinkError> {
         let Some(connection) = self.connection.take() else {
             return Err(LinkError::Dropped { link: self.link(), why: self.why.clone() });
         };

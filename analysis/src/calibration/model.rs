@@ -103,7 +103,7 @@ impl Sub for Slope {
     }
 }
 
-#[allow(clippy::suspicious_arithmetic_impl, reason = "the product rule adds")]
+#[expect(clippy::suspicious_arithmetic_impl, reason = "the product rule adds")]
 impl Mul for Slope {
     type Output = Self;
 
@@ -113,7 +113,7 @@ impl Mul for Slope {
     }
 }
 
-#[allow(clippy::suspicious_arithmetic_impl, reason = "the quotient rule subtracts and multiplies")]
+#[expect(clippy::suspicious_arithmetic_impl, reason = "the quotient rule subtracts and multiplies")]
 impl Div for Slope {
     type Output = Self;
 

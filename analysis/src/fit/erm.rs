@@ -101,7 +101,7 @@ fn best_minimum(problem: &Problem, options: &FitOptions) -> Minimum {
 
 /// Distinct sets of time constants (logarithms, s) worth polishing, best first.
 fn basins(problem: &Problem, options: &FitOptions, projection: &mut Projection<'_>) -> Vec<Vec<f64>> {
-    const MOST: usize = 8;
+    const MOST: usize = 16;
     if options.rc == 0 {
         return Vec::new();
     }
@@ -117,7 +117,7 @@ fn basins(problem: &Problem, options: &FitOptions, projection: &mut Projection<'
     let mut found: Vec<Vec<f64>> = Vec::new();
     for Member { mut x, .. } in differential_evolution(|x| projection.value(x), &vec![range; options.rc], &search) {
         x.sort_by(f64::total_cmp);
-        let known = |f: &Vec<f64>| f.iter().zip(&x).all(|(a, b)| (a - b).abs() < 0.7);
+        let known = |f: &Vec<f64>| f.iter().zip(&x).all(|(a, b)| (a - b).abs() < 0.3);
         if !found.iter().any(known) {
             found.push(x);
         }

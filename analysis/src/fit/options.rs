@@ -15,7 +15,7 @@ pub enum Objective {
     /// Σ|Z_model − Z_data|, Ω: what the thesis minimised (complex, though its text speaks of magnitudes). Robust against outliers.
     SumAbs,
     /// Σ(|Z_model| − |Z_data|)², Ω²: magnitudes only, as the thesis' text says. The phase is ignored, and with it most of what tells slow
-    /// branches apart. Squares were chosen over absolute values because they are smooth and the best estimate under normal noise.
+    /// branches apart: with four branches and one sweep, seeds may end up to 1e-4 apart in the value. Squares were chosen over absolute values because they are smooth and the best estimate under normal noise.
     Modulus,
     /// Complex least squares. With a covariance at every point the weight is its inverse and the objective is χ², without unit; otherwise every
     /// residual is taken relative to |Z_data|, also without unit.

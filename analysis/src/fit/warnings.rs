@@ -30,7 +30,7 @@ pub(crate) fn warnings(fit: &ErmFit, problem: &Problem, spectra: &[Spectrum], co
     }
     if let Some(chi2) = fit.reduced_chi2.filter(|c| *c > HIGH_CHI2) {
         found.push(format!(
-            "reduced χ² is {chi2:.3}: the data scatter about the model by {:.2} times their stated uncertainty; the sigmas were widened by it",
+            "reduced χ² is {chi2:.3}: data and model differ by {:.2} times the stated uncertainty; the sigmas were widened by it",
             chi2.sqrt()
         ));
     }

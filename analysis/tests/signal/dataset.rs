@@ -4,9 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use analysis::dataset::{
-    CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, SERIES_COLUMNS, SPECTRUM_COLUMNS, SeriesRow, append_series_csv,
-    append_spectrum_csv, read_capture, read_series_csv, read_series_parquet, read_spectrum_csv, read_spectrum_parquet, write_atomically,
-    write_capture, write_series_csv, write_series_parquet, write_spectrum_csv, write_spectrum_parquet,
+    CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, SERIES_COLUMNS, SPECTRUM_COLUMNS, SeriesRow, append_spectrum_csv, read_capture,
+    read_series_parquet, read_spectrum_csv, read_spectrum_parquet, write_atomically, write_capture, write_series_parquet,
+    write_spectrum_csv, write_spectrum_parquet,
 };
 use analysis::sine::{CodeScale, FitOptions, Record, fit_known_frequency};
 use analysis::spectrum::{Covariance2, ImpedancePoint};
@@ -272,13 +272,7 @@ fn a_series_comes_back_to_the_bit() {
     let bits = |rows: &[SeriesRow]| -> Vec<[u64; 4]> {
         rows.iter().map(|r| [r.time_s, r.voltage_v, r.current_a, r.temperature_c].map(f64::to_bits)).collect()
     };
-    write_series_csv(&file("a.csv"), &series).unwrap();
     write_series_parquet(&file("a.parquet"), &series).unwrap();
-    for row in &series {
-        append_series_csv(&file("b.csv"), row).unwrap();
-    }
-    assert_eq!(bits(&read_series_csv(&file("a.csv")).unwrap()), bits(&series));
-    assert_eq!(bits(&read_series_csv(&file("b.csv")).unwrap()), bits(&series));
     assert_eq!(bits(&read_series_parquet(&file("a.parquet")).unwrap()), bits(&series));
     write_series_parquet(&file("empty.parquet"), &[]).unwrap();
     assert!(read_series_parquet(&file("empty.parquet")).unwrap().is_empty());

@@ -1,9 +1,205 @@
-//! placeholder
-use crate::{cli::FitArgs, command::Failure};
-/// x
+//! `eis-bench fit`: the extended Randles model for spectra from anywhere.
+
+use std::path::Path;
+
+use analysis::{
+    dataset,
+    fit::{ErmFit, FitEntry, FitOptions, FitReport, ModelFile, Objective, PackModel, fit_erm},
+    formats::{SourcedSpectrum, read_sourced},
+    pack::Pack,
+    plot::{self, FigureInput, ImpedancePlot, Series, SeriesStyle},
+    report::{Figure, Report},
+    spectrum::Spectrum,
+};
+
+use crate::{
+    cli::FitArgs,
+    command::Failure,
+    present::{self, branches_table, fit_warnings, models_table},
+};
+
+/// Highest order.
+const MAX_RC: usize = 8;
+
+/// The spectra that one set of models belongs to.
+struct Group {
+    name: String,
+    spectra: Vec<Spectrum>,
+    fits: Vec<ErmFit>,
+}
+
+/// Fits models to spectra, prints them, and writes them into a folder if asked to.
 ///
 /// # Errors
-/// x
-pub fn fit(_args: &FitArgs) -> Result<(), Failure> {
+/// A file or an argument that is not as expected; a fit that cannot be made; a folder that cannot be written.
+pub fn fit(args: &FitArgs) -> Result<(), Failure> {
+    let orders = orders(&args.rc)?;
+    let objective: Objective = args.objective.parse().map_err(|error| Failure::Usage(format!("--objective: {error}")))?;
+    let (cells, others) = read(args)?;
+    let groups = if args.pool {
+        vec![Group { name: "pooled".to_owned(), spectra: cells, fits: Vec::new() }]
+    } else {
+        cells.into_iter().map(|spectrum| Group { name: spectrum.name.clone(), spectra: vec![spectrum], fits: Vec::new() }).collect()
+    };
+    let mut fitted = Vec::new();
+    for mut group in groups {
+        for &rc in &orders {
+            let options = FitOptions { rc, objective, seed: args.seed, ..FitOptions::default() };
+            let fit = fit_erm(&group.spectra, &options).map_err(|error| Failure::Usage(format!("{}, {rc} RC: {error}", group.name)))?;
+            group.fits.push(fit);
+        }
+        fitted.push(group);
+    }
+    if let Some(folder) = &args.out {
+        for group in &fitted {
+            let folder = if fitted.len() == 1 { folder.clone() } else { folder.join(&group.name) };
+            write(&folder, group, &others, args)?;
+        }
+    }
+    if args.json { print_json(&fitted) } else { print_text(&fitted, args) }
+}
+
+fn orders(text: &str) -> Result<Vec<usize>, Failure> {
+    if text == "all" {
+        return Ok(vec![1, 2, 3, 4]);
+    }
+    let fail = || Failure::Usage(format!("--rc: expected `all` or numbers from 1 to {MAX_RC} separated by commas, found {text:?}"));
+    let orders: Vec<usize> = text.split(',').map(|order| order.trim().parse().map_err(|_| fail())).collect::<Result<_, _>>()?;
+    if orders.iter().all(|order| (1..=MAX_RC).contains(order)) { Ok(orders) } else { Err(fail()) }
+}
+
+/// The spectra to be fitted, and the control impedances that came with them. Sweeps with a bias belong to neither.
+fn read(args: &FitArgs) -> Result<(Vec<Spectrum>, Vec<Spectrum>), Failure> {
+    let mut cells = Vec::new();
+    let mut others = Vec::new();
+    let mut passed_over = Vec::new();
+    for file in &args.files {
+        for SourcedSpectrum { origin, spectrum } in read_sourced(file).map_err(|error| Failure::Usage(error.to_string()))? {
+            if origin.is_unbiased_cell() {
+                cells.push(spectrum);
+            } else {
+                passed_over.push(spectrum.name.clone());
+                if origin.fixture.as_deref() != Some("cell") && origin.bias_a.is_none_or(|bias| bias == 0.0) {
+                    others.push(spectrum);
+                }
+            }
+        }
+    }
+    if !passed_over.is_empty() {
+        eprintln!("not fitted, for they are controls or carry a direct current: {}", passed_over.join(", "));
+    }
+    if cells.is_empty() {
+        return Err(Failure::Usage("expected at least one spectrum of a cell without direct current, found none".to_owned()));
+    }
+    Ok((cells, others))
+}
+
+fn report_of(fitted: &[Group]) -> FitReport {
+    let entry = |group: &Group, fit: &ErmFit| FitEntry::new(fit, group.spectra.iter().map(|spectrum| spectrum.name.clone()).collect());
+    FitReport { fits: fitted.iter().flat_map(|group| group.fits.iter().map(|fit| entry(group, fit))).collect() }
+}
+
+fn print_json(fitted: &[Group]) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(&report_of(fitted)).map_err(|error| Failure::Analysis(error.to_string()))?;
+    println!("{text}");
     Ok(())
+}
+
+fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
+    for group in fitted {
+        let points: usize = group.spectra.iter().map(|spectrum| spectrum.points.len()).sum();
+        println!("{}: {} spectra, {points} points, objective {}", group.name, group.spectra.len(), args.objective);
+        for fit in &group.fits {
+            let (rc, dc) = (fit.erm.branches.len(), 1.0e3 * fit.erm.dc_resistance_ohm());
+            println!(
+                "  {rc} RC: objective {}, R {} mΩ, DC resistance {} mΩ",
+                present::objective(fit),
+                present::significant(1.0e3 * fit.erm.r_ohm, 5),
+                present::significant(dc, 5)
+            );
+            for branch in &fit.erm.branches {
+                let tau = present::significant(branch.r_ohm * branch.c_f, 4);
+                let (r, c) = (present::significant(1.0e3 * branch.r_ohm, 5), present::significant(branch.c_f, 5));
+                println!("        {r:>8} mΩ ∥ {c:>8} F   τ {tau} s");
+            }
+            for warning in &fit.warnings {
+                println!("        note: {warning}");
+            }
+        }
+    }
+    if let Some(folder) = &args.out {
+        println!("written to {}", folder.display());
+    }
+    Ok(())
+}
+
+fn write(folder: &Path, group: &Group, controls: &[Spectrum], args: &FitArgs) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|error| Failure::Usage(format!("--out {}: {error}", folder.display())))?;
+    let names: Vec<String> = group.spectra.iter().map(|spectrum| spectrum.name.clone()).collect();
+    let text = |name: &str, text: &str| {
+        dataset::write_atomically(&folder.join(name), text.as_bytes()).map_err(|error| Failure::Analysis(error.to_string()))
+    };
+    for fit in &group.fits {
+        let pack = PackModel::new(&fit.erm, Pack::THESIS).map_err(|error| Failure::Analysis(error.to_string()))?;
+        let model = ModelFile::new(&group.name, fit.clone(), names.clone(), Some(pack));
+        let json = model.to_json().map_err(|error| Failure::Analysis(error.to_string()))?;
+        text(&format!("model_{}rc.json", model.rc), &json)?;
+    }
+    let input = FigureInput { sweeps: &group.spectra, controls, fits: &group.fits };
+    let drawn = |error: plot::PlotError| Failure::Analysis(error.to_string());
+    plot::write_thesis_figures(&input, folder).map_err(drawn)?;
+    let bode = bode_plot(&group.name, &group.spectra, &group.fits);
+    for extension in ["svg", "png"] {
+        plot::bode(&bode, &folder.join(format!("bode.{extension}"))).map_err(drawn)?;
+    }
+    let mut figures = vec![Figure {
+        svg: plot::nyquist_svg(&plot::sweeps_figure(&group.spectra)).map_err(drawn)?,
+        caption: "Nyquist plot of the spectra; both axes have the same scale.".to_owned(),
+    }];
+    for fit in &group.fits {
+        let svg = plot::nyquist_svg(&plot::fit_figure(&group.spectra, fit)).map_err(drawn)?;
+        figures.push(Figure { svg, caption: format!("The model with {} RC over the spectra.", fit.erm.branches.len()) });
+    }
+    figures.push(Figure { svg: plot::bode_svg(&bode).map_err(drawn)?, caption: "Magnitude and phase over frequency.".to_owned() });
+    let report = Report {
+        title: format!("Extended Randles model, {}", group.name),
+        verdicts: fit_warnings(&group.fits),
+        figures,
+        tables: vec![models_table(&group.fits), branches_table(&group.fits)],
+        provenance: vec![
+            ("program".to_owned(), format!("eis-bench {}", env!("CARGO_PKG_VERSION"))),
+            ("objective".to_owned(), args.objective.clone()),
+            ("seed".to_owned(), args.seed.to_string()),
+            ("spectra".to_owned(), names.join(", ")),
+        ],
+    };
+    text("report.html", &report.to_html().map_err(|error| Failure::Analysis(error.to_string()))?)
+}
+
+/// Spectra as points, every order as a curve.
+pub(super) fn bode_plot(title: &str, spectra: &[Spectrum], fits: &[ErmFit]) -> ImpedancePlot {
+    let many = spectra.len() > 1;
+    let mut series: Vec<Series> = spectra
+        .iter()
+        .enumerate()
+        .map(|(index, spectrum)| {
+            let data = Series::data(spectrum, 0);
+            let data = if many { data.styled(SeriesStyle::Cloud) } else { data };
+            let label = if many { format!("measured, {} spectra", spectra.len()) } else { "measured".to_owned() };
+            data.labelled((index == 0).then_some(label.as_str()))
+        })
+        .collect();
+    series.extend(model_curves(spectra, fits));
+    ImpedancePlot::new(title, "", series)
+}
+
+/// Every order as a curve over the band of the spectra.
+pub(super) fn model_curves(spectra: &[Spectrum], fits: &[ErmFit]) -> Vec<Series> {
+    let freqs = spectra.iter().flat_map(|spectrum| &spectrum.points).map(|point| point.freq_hz);
+    let (low, high) = freqs.fold((f64::INFINITY, 0.0_f64), |(low, high), freq| (low.min(freq), high.max(freq)));
+    if low >= high {
+        return Vec::new();
+    }
+    let curve = |(index, fit): (usize, &ErmFit)| Series::model(&format!("{} RC", fit.erm.branches.len()), &fit.erm, (low, high), index + 1);
+    fits.iter().enumerate().map(curve).collect()
 }

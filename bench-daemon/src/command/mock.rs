@@ -6,7 +6,7 @@ use instruments::clock::{Clock, TimeMode};
 
 use crate::{
     cli::MockArgs,
-    command::Failure,
+    command::{Failure, run::StopSignals},
     config::{Source, load_bench},
     sim::{Served, SimError, Simulation},
 };
@@ -28,6 +28,7 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
         return Err(Failure::Usage("--time: expected `real` or `scaled:FACTOR`: real ports cannot answer in virtual time".to_owned()));
     }
     Clock::runtime(mode)?.block_on(async {
+        let mut stop = StopSignals::install()?;
         let clock = Clock::start(mode);
         let simulation = Simulation::new(&section.scenario, args.seed)?;
         let served = simulation.serve_on_ports(&bench, &clock).await?;
@@ -44,7 +45,7 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
                 println!("  {:<10} {:<20} {}", mock.role, mock.model, mock.address);
             }
         }
-        tokio::signal::ctrl_c().await?;
+        stop.requested().await;
         Ok(())
     })
 }
@@ -66,7 +67,7 @@ fn write_bench(path: &Path, source: &Source, served: &[Served], mode: TimeMode) 
             (None, "simulation", "time") => {}
             (None, "simulation", "scenario") => {
                 let value = trimmed.split_once('=').map_or("", |(_, value)| value).trim().trim_matches('"');
-                text.push_str(&format!("scenario = {:?}\ntime = {:?}\n", scenario_folder.join(value), mode.to_string()));
+                text.push_str(&format!("scenario = {:?}\ntime = {:?}\n", scenario_folder.join(value).canonicalize()?, mode.to_string()));
             }
             _ => {
                 text.push_str(line);

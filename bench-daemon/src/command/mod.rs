@@ -35,9 +35,12 @@ pub enum Failure {
     /// The fixture check.
     #[error("fixture check failed: {0}")]
     FixtureCheck(String),
-    /// Ctrl-C.
-    #[error("stopped by Ctrl-C; finished points are in {0}")]
+    /// Ctrl-C, or another request to stop.
+    #[error("stopped on request; the bench is in safe state, finished points are in {0}")]
     Interrupted(String),
+    /// A mistake of the program.
+    #[error("a mistake of the program ended the run, please report it: {0}")]
+    Panic(String),
     /// The outputs may be on.
     #[error("SAFE STATE COULD NOT BE VERIFIED, LOOK AT THE BENCH: {failures}{cause}")]
     Unsafe {
@@ -63,7 +66,7 @@ impl Failure {
             Self::Record(RecordError::NotEmpty { .. }) => 2,
             Self::Bench(_) | Self::Sim(SimError::Port { .. }) => 3,
             Self::Execute(ExecuteError::Trip(_)) => 5,
-            Self::Execute(ExecuteError::Record(_)) | Self::Record(_) | Self::Analysis(_) | Self::System(_) => 1,
+            Self::Execute(ExecuteError::Record(_)) | Self::Record(_) | Self::Analysis(_) | Self::Panic(_) | Self::System(_) => 1,
             Self::Execute(_) => 3,
             Self::FixtureCheck(_) => 4,
             Self::Unsafe { .. } => 6,

@@ -1,12 +1,15 @@
 //! `eis-bench run`: from an experiment file to a fitted model.
 //!
-//! Whatever happens after the first instrument was opened, the bench is brought into safe state before this returns.
+//! Whatever happens once the instruments are known to be the configured ones, a panic and a request to stop included, the bench is brought into safe
+//! state before this returns.
 
 mod results;
 
 use std::{
     collections::BTreeMap,
+    panic::AssertUnwindSafe,
     path::{Path, PathBuf},
+    task::Poll,
 };
 
 use analysis::{calibration::Correction, dataset, spectrum::Spectrum};
@@ -17,6 +20,7 @@ use instruments::{
 };
 use serde::Serialize;
 use sha2::{Digest, Sha256};
+use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use crate::{
     bench::{Bench, BenchError, Connections, Identified},
@@ -147,34 +151,37 @@ impl Run<'_> {
         for (role, _) in self.experiment.bench.instruments.addressed() {
             taps.insert(role, self.recorder.tap(role)?);
         }
+        let mut stop = StopSignals::install()?;
         let connections = Connections { clock: self.clock.clone(), hub, taps };
         let mut bench = Bench::open(&self.experiment.bench, &connections).await?;
         let identities = bench.identify_strictly().await?;
         self.manifest(&identities, "running")?;
         let progress = Progress::new(self.plan.plan());
         let outcome = tokio::select! {
-            outcome = drive((&mut bench, &mut self.recorder), self.experiment, self.plan, (&self.clock, &self.operator, &progress)) => outcome,
-            _ = tokio::signal::ctrl_c() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+            outcome = caught(drive((&mut bench, &mut self.recorder), self.experiment, self.plan, (&self.clock, &self.operator, &progress))) => outcome,
+            () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
         };
         progress.finish();
-        if matches!(outcome, Err(Failure::Interrupted(_))) {
-            bench.reconnect_outputs().await;
-        }
         let outcome = safe(bench.safe_state().await, outcome);
         for (role, tap) in &connections.taps {
             if let Some(error) = tap.take_error() {
                 self.recorder.warning(&format!("the transcript of {role} is incomplete: {error}"));
             }
         }
+        let readings = self.recorder.finish_readings();
         match outcome {
             Ok(measured) => {
+                readings?;
                 let summary = results::write(&mut self.recorder, self.experiment, &measured)?;
                 self.manifest(&identities, "finished")?;
                 Ok(Finished { measured, summary, simulation })
             }
             Err(failure) => {
                 tracing::error!("{failure}");
-                self.manifest(&identities, &format!("ended early: {failure}"))?;
+                // The reason for the end outweighs a manifest that cannot be written.
+                if let Err(error) = self.manifest(&identities, &format!("ended early: {failure}")) {
+                    tracing::error!("{error}");
+                }
                 Err(failure)
             }
         }
@@ -226,7 +233,7 @@ async fn drive(
     plan: &Checked,
     (clock, operator, progress): (&Clock, &Operator, &Progress),
 ) -> Result<Measured, Failure> {
-    bench.safe_state().await.map_err(|mut failures| failures.pop().map_or(Failure::Interrupted(String::new()), Failure::from))?;
+    safe(bench.safe_state().await, Ok(()))?;
     let mut measured = Measured {
         controls: Vec::new(),
         sweeps: BTreeMap::new(),
@@ -239,9 +246,6 @@ async fn drive(
             executor.stage(stage, &mut |_, _| Ok(())).await?;
             continue;
         };
-        if fixture == Fixture::Cell {
-            correct(executor.recorder, experiment, &mut measured)?;
-        }
         let name = crate::plan::fixture_name(fixture);
         let correction = measured.correction.clone();
         let spectrum = &mut measured.spectrum.points;
@@ -263,6 +267,11 @@ async fn drive(
         let points = executor.stage(stage, &mut on_point).await?;
         judge(executor.recorder, experiment, (fixture, &points), &mut measured)?;
         measured.sweeps.insert(name, points);
+        // Before anything is done with the cell, its state of charge included.
+        let controls = experiment.fixture_check.as_ref().map_or(0, |check| check.controls.len());
+        if fixture != Fixture::Cell && measured.controls.len() == controls {
+            correct(executor.recorder, experiment, &mut measured)?;
+        }
     }
     dataset::write_spectrum_parquet(&executor.recorder.path("spectrum.parquet"), &measured.spectrum.points)
         .map_err(crate::record::RecordError::from)?;
@@ -317,10 +326,60 @@ fn safe<T>(safe: Result<(), Vec<BenchError>>, outcome: Result<T, Failure>) -> Re
     }
 }
 
+/// Ctrl-C, a polite kill, or the end of the terminal: each is to bring the bench into safe state.
+pub(crate) struct StopSignals([Signal; 4]);
+
+impl StopSignals {
+    /// From now on these signals no longer end the process by themselves.
+    ///
+    /// # Errors
+    /// A system that refuses: a run that cannot be stopped must not begin.
+    pub(crate) fn install() -> std::io::Result<Self> {
+        let [interrupt, terminate, hangup, quit] =
+            [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup(), SignalKind::quit()].map(signal);
+        Ok(Self([interrupt?, terminate?, hangup?, quit?]))
+    }
+
+    /// Waits for the first of them.
+    pub(crate) async fn requested(&mut self) {
+        let [interrupt, terminate, hangup, quit] = &mut self.0;
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+            _ = hangup.recv() => {}
+            _ = quit.recv() => {}
+        }
+    }
+}
+
+/// A panic while the outputs are on must not keep them on: it becomes a failure like any other.
+async fn caught<T>(work: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
+    let mut work = Box::pin(work);
+    std::future::poll_fn(move |context| {
+        std::panic::catch_unwind(AssertUnwindSafe(|| work.as_mut().poll(context))).unwrap_or_else(|panic| {
+            let text = panic.downcast_ref::<String>().cloned().or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
+            Poll::Ready(Err(Failure::Panic(text.unwrap_or_default())))
+        })
+    })
+    .await
+}
+
 fn folder_of(path: &Path) -> String {
     path.parent().and_then(Path::file_name).map_or_else(String::new, |name| name.to_string_lossy().into_owned())
 }
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_becomes_a_failure() {
+        let runtime = Clock::runtime(TimeMode::Real).unwrap();
+        let outcome: Result<(), Failure> = runtime.block_on(caught(async { panic!("out of range") }));
+        assert!(matches!(&outcome, Err(Failure::Panic(text)) if text == "out of range"), "{outcome:?}");
+    }
 }

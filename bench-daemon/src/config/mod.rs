@@ -11,6 +11,7 @@ use std::path::PathBuf;
 use analysis::{calibration::KnownImpedance, fit::Objective};
 use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
 
+pub(crate) use resolve::LOAD_CUT_OFF_V;
 pub use resolve::{load_bench, load_experiment};
 pub use source::{ConfigError, Source};
 

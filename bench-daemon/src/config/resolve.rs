@@ -15,6 +15,8 @@ use crate::interlock::Limits;
 
 /// Highest order of the ERM that is fitted.
 const MAX_RC: usize = 6;
+/// How far below the end of a discharge the load stops by itself, V.
+pub(crate) const LOAD_CUT_OFF_V: f64 = 0.05;
 /// Samples per period below which a sinusoid is not to be believed.
 const MIN_SAMPLES_PER_PERIOD: f64 = 8.0;
 
@@ -108,7 +110,22 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
             source.complain("simulation.time", "virtual time jumps ahead of answers on real ports: it needs `memory:` addresses only")
         );
     }
+    // On real instruments every wait would be too short by the factor.
+    let elsewhere = instruments.addressed().into_iter().find(|(_, instrument)| !is_local(&instrument.address));
+    if let (TimeMode::Scaled(_), Some((role, instrument))) = (time, elsewhere) {
+        let reason = format!("scaled time is for mocks on this machine, and {role} is at {}", instrument.address);
+        return Err(source.complain("simulation.time", reason));
+    }
     Ok(Simulation { scenario: source.relative(&raw.scenario), time })
+}
+
+/// In this process, on the loopback interface, or on a pseudo-terminal.
+fn is_local(address: &Address) -> bool {
+    match address {
+        Address::Memory { .. } => true,
+        Address::Tcp { host, .. } => host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback()),
+        Address::Serial(settings) => settings.path.starts_with("/dev/pts/"),
+    }
 }
 
 fn known(source: &Source, field: &str, raw: &raw::Known) -> Result<KnownImpedance, ConfigError> {
@@ -284,6 +301,8 @@ impl Check<'_> {
         let load_max = load::DIALECTS.iter().find(|d| d.key() == load.model).map_or(0.0, |d| d.capabilities().max_current.value());
         let supply_max = supply::DIALECTS.iter().find(|d| d.key() == supply.model).map_or(0.0, |d| d.capabilities().max_current.value());
         let window = (limits.min_v, limits.max_v);
+        // The load's own cut-off lies between the end of the discharge and the cell's limit.
+        let discharge_window = (limits.min_v + LOAD_CUT_OFF_V, limits.max_v);
         let reset = SocReset {
             discharge_a: self.within(
                 "soc_reset.discharge_current",
@@ -291,7 +310,7 @@ impl Check<'_> {
                 (0.01, limits.discharge_a.min(load_max)),
                 "A",
             )?,
-            discharge_until_v: self.within("soc_reset.discharge_until", raw.discharge_until.si, window, "V")?,
+            discharge_until_v: self.within("soc_reset.discharge_until", raw.discharge_until.si, discharge_window, "V")?,
             charge_a: self.within("soc_reset.charge_current", raw.charge_current.si, (0.01, limits.charge_a.min(supply_max)), "A")?,
             charge_limit_v: self.within("soc_reset.charge_voltage", raw.charge_voltage.si, window, "V")?,
             charge_until_v: self.within("soc_reset.charge_until", raw.charge_until.si, window, "V")?,

@@ -9,7 +9,7 @@ use instruments::{
 };
 
 use super::{ExecuteError, Executor, POLL_S, require};
-use crate::{interlock::Reading, plan::Step};
+use crate::{config::LOAD_CUT_OFF_V, interlock::Reading, plan::Step};
 
 /// Seconds between two readings while nothing flows.
 const REST_POLL_S: f64 = 10.0;
@@ -25,8 +25,6 @@ impl Executor<'_> {
         let Step::HoldTemperature { setpoint_c, within_k, max_s } = *step else { return Ok(()) };
         let error = self.bench.error("chiller");
         require(&mut self.bench.chiller, "chiller")?.start(Celsius(setpoint_c)).await.map_err(error)?;
-        let error = self.bench.error("logger");
-        require(&mut self.bench.logger, "logger")?.configure().await.map_err(error)?;
         let start_s = self.clock.now_s();
         let mut steady_since_s = None;
         loop {
@@ -54,7 +52,7 @@ impl Executor<'_> {
             return Ok(());
         }
         // Below the end, so that the daemon ends the discharge, and above the cell's limit, so that the load ends it if the daemon does not.
-        let stop_below = Volts((until_v - 0.05).max(self.experiment.cell.limits.min_v));
+        let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.experiment.cell.limits.min_v));
         let error = self.bench.error("load");
         let load = require(&mut self.bench.load, "load")?;
         load.prepare(&Discharge { current: Amps(current_a), stop_below }).await.map_err(&error)?;
@@ -78,7 +76,11 @@ impl Executor<'_> {
 
     pub(super) async fn charge(&mut self, step: &Step) -> Result<(), ExecuteError> {
         let Step::Charge { current_a, limit_v, until_v, max_s } = *step else { return Ok(()) };
-        self.idle_volts("charge").await?;
+        let idle_v = self.idle_volts("charge").await?;
+        if idle_v >= until_v {
+            tracing::info!("already at {idle_v:.3} V: nothing to charge");
+            return Ok(());
+        }
         let error = self.bench.error("supply");
         let charge = Charge { voltage: Volts(limit_v), current: Amps(current_a) };
         require(&mut self.bench.supply, "supply")?.prepare(&charge).await.map_err(&error)?;
@@ -112,10 +114,13 @@ impl Executor<'_> {
         let mut window: VecDeque<(f64, f64)> = VecDeque::new();
         loop {
             self.clock.sleep_s(REST_POLL_S).await;
-            let volts = self.load_volts().await?.0;
+            let (volts, drawn_a) = self.load_volts().await?;
+            let error = self.bench.error("supply");
+            let (_, fed) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(error)?;
+            let current_a = Some(fed.value() - drawn_a);
             let temperature_c = self.temperature_now_and_then().await?;
             let now_s = self.clock.now_s();
-            self.judge("rest", Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(0.0), temperature_c })?;
+            self.judge("rest", Reading { time_s: now_s, voltage_v: Some(volts), current_a, temperature_c })?;
             window.push_back((now_s, volts));
             while window.front().is_some_and(|(time_s, _)| now_s - time_s > SLOPE_SPAN_S) {
                 window.pop_front();
@@ -136,10 +141,11 @@ impl Executor<'_> {
         }
     }
 
-    /// The cell's voltage before anything is switched on: a cell that is missing, reversed or ruined must not be driven.
+    /// The cell's voltage before anything is switched on: a cell that is missing, reversed, ruined or too hot must not be driven.
     async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
         let volts = self.load_volts().await?.0;
-        let reading = Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), ..Reading::default() };
+        let temperature_c = self.cell_temperature().await?;
+        let reading = Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), temperature_c, ..Reading::default() };
         self.judge(phase, reading)?;
         Ok(volts)
     }

@@ -27,6 +27,8 @@ const WANTED_SPAN: f64 = 0.5;
 const MIN_RECORD_PERIODS: f64 = 2.0;
 /// How far the amplitude of the current may be from its command, as a share.
 const CURRENT_TOLERANCE: f64 = 0.2;
+/// How far a frame may be from the settings that it was asked with, as a share.
+const FRAME_TOLERANCE: f64 = 0.02;
 /// How far a free fit may find the frequency from the one that was set.
 const FREQ_TOLERANCE: f64 = 2.0e-3;
 
@@ -123,18 +125,43 @@ impl Executor<'_> {
         let trigger = Trigger { channel: TRIGGER_CHANNEL, level: self.trigger_v };
         let error = self.bench.error("scope");
         let scope = require(&mut self.bench.scope, "scope")?;
-        let per_div = scope.capabilities().time_per_div(span);
+        let (per_div, scope_divisions) = (scope.capabilities().time_per_div(span), scope.capabilities().horizontal_div);
         for intent in [Intent::Timebase(per_div), Intent::Trigger(trigger), Intent::Arm] {
             scope.set(&intent).await.map_err(&error)?;
         }
         self.wait_watching(wait_s, fixture).await?;
         let scope = require(&mut self.bench.scope, "scope")?;
         scope.stop().await.map_err(&error)?;
-        let first = scope.download(1, points).await.map_err(&error)?;
-        let second = scope.download(2, points).await.map_err(&error)?;
-        let third = scope.download(3, points).await.map_err(&error)?;
-        let fourth = scope.download(4, points).await.map_err(&error)?;
-        Ok([first, second, third, fourth])
+        let mut waveforms = Vec::with_capacity(4);
+        for channel in 1..=4 {
+            waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, points).await.map_err(&error)?);
+            // The current still flows: a download must not stop the watching.
+            self.watch(fixture).await?;
+        }
+        let screen_s = per_div.value() * scope_divisions;
+        self.check_frame(freq_hz, &waveforms, screen_s)?;
+        waveforms.try_into().map_err(|_| ExecuteError::Signal { freq_hz, reason: "not four channels".to_owned() })
+    }
+
+    /// The frame must be of this acquisition: as long as the screen, on the scales that were set, the same for all channels.
+    fn check_frame(&self, freq_hz: f64, waveforms: &[Waveform], screen_s: f64) -> Result<(), ExecuteError> {
+        let fail = |reason: String| Err(ExecuteError::Signal { freq_hz, reason });
+        for (waveform, applied) in waveforms.iter().zip(&self.applied) {
+            let preamble = &waveform.preamble;
+            let length_s = preamble.interval_s * preamble.points as f64;
+            if (length_s / screen_s - 1.0).abs() > FRAME_TOLERANCE {
+                return fail(format!("channel {}: expected a frame of {screen_s} s, found one of {length_s} s", waveform.channel));
+            }
+            let per_div_v = applied.map_or(f64::NAN, |vertical| vertical.per_div.value());
+            if (preamble.volts_per_div / per_div_v - 1.0).abs() > FRAME_TOLERANCE {
+                let found = preamble.volts_per_div;
+                return fail(format!("channel {}: expected a frame at {per_div_v} V/div, found one at {found} V/div", waveform.channel));
+            }
+            if waveform.interval_s != waveforms[0].interval_s || waveform.codes.len() != waveforms[0].codes.len() {
+                return fail(format!("channel {}: expected the samples of channel 1, found another number or interval", waveform.channel));
+            }
+        }
+        Ok(())
     }
 
     /// New settings for the channels that clipped or were too small, in words; the trigger level and the offsets follow the signal.
@@ -196,7 +223,7 @@ fn analyse(
     index: usize,
     freq_hz: f64,
     waveforms: &[Waveform; 4],
-    mut warnings: Vec<String>,
+    warnings: Vec<String>,
 ) -> Result<SweepPoint, ExecuteError> {
     let fail = |reason: String| ExecuteError::Signal { freq_hz, reason };
     let channels: Vec<Channel<'_>> = waveforms
@@ -224,7 +251,9 @@ fn analyse(
     let fit = sine::fit_known_frequency(&record, freq_hz, &options).map_err(|error| fail(error.to_string()))?;
     let free = sine::fit_free_frequency(&record, Some(freq_hz), &options).map_err(|error| fail(error.to_string()))?;
     if (free.freq_hz / freq_hz - 1.0).abs() > FREQ_TOLERANCE {
-        warnings.push(format!("a free fit finds {:.6} Hz", free.freq_hz));
+        // A scope that was not triggered may still hold the frame of an earlier point.
+        let reason = format!("a fit with free frequency finds {:.6} Hz in the record: is it an older one?", free.freq_hz);
+        return Err(fail(reason));
     }
     let residual_lag1 = fit.channels.iter().map(|channel| channel.residual_lag1).fold(0.0, f64::max);
     let phasors = ChannelPhasors::from_fit(&fit).map_err(|error| fail(error.to_string()))?;

@@ -11,6 +11,9 @@ use crate::{
 
 /// Resistance of the loop outside the cell that the compliance must allow for, Ω: leads, shunt, contacts.
 const LOOP_OHM: f64 = 0.1;
+/// The compliance lies at least this much above the cell's limit, V: below the cell's voltage the two loops of the supply would fight and drive more
+/// current than asked for, and the limit is only good to 0.3 % of the rated voltage.
+const COMPLIANCE_MARGIN_V: f64 = 0.3;
 /// The current limit lies above the amplitude by this factor …
 const LIMIT_FACTOR: f64 = 1.25;
 /// … and this much, A, for the offset that the trim has to cancel.
@@ -23,7 +26,10 @@ const FRAME_MARGIN_S: f64 = 0.2;
 pub(super) fn stage(fixture: Fixture, eis: &Eis, limits: &Limits, screen_s: impl Fn(f64) -> f64) -> Stage {
     let mut steps = vec![
         Step::Mount(fixture),
-        Step::PowerUp { compliance_v: limits.max_v + LOOP_OHM * eis.amplitude_a, limit_a: LIMIT_FACTOR * eis.amplitude_a + LIMIT_MARGIN_A },
+        Step::PowerUp {
+            compliance_v: limits.max_v + (LOOP_OHM * eis.amplitude_a).max(COMPLIANCE_MARGIN_V),
+            limit_a: LIMIT_FACTOR * eis.amplitude_a + LIMIT_MARGIN_A,
+        },
     ];
     for (index, &freq_hz) in eis.freqs_hz.iter().enumerate() {
         let thesis_s = eis.periods / freq_hz + eis.extra_wait_s;
@@ -60,6 +66,6 @@ mod tests {
         for (freq_hz, wait_s) in waits {
             assert!(wait_s >= 11.0 / freq_hz + 1.0 && wait_s >= (12.5 + 1.5) / freq_hz, "{freq_hz} Hz waits {wait_s} s");
         }
-        assert!(matches!(stage.steps[1], Step::PowerUp { compliance_v, limit_a } if (compliance_v - 4.3).abs() < 1e-9 && limit_a == 2.0));
+        assert!(matches!(stage.steps[1], Step::PowerUp { compliance_v, limit_a } if (compliance_v - 4.5).abs() < 1e-9 && limit_a == 2.0));
     }
 }

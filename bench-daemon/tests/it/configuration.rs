@@ -47,7 +47,7 @@ fn mistakes_are_named_with_file_line_and_field() {
         (experiment, "\"1 A\"", "1.0", "eis.amplitude: invalid type: floating point `1.0`, expected a current with its unit"),
         (experiment, "\"300 Hz\"", "\"300 kHz\"", "eis.stop: expected 0.1 Hz to 10000 Hz, found 300000 Hz"),
         (experiment, "\"1 A\"", "\"50 A\"", "eis.amplitude: expected 0.01 A to 13.5 A, found 50 A"),
-        (experiment, "\"3.52 V\"", "\"2.3 V\"", "soc_reset.discharge_until: expected 2.5 V to 4.2 V, found 2.3 V"),
+        (experiment, "\"3.52 V\"", "\"2.3 V\"", "soc_reset.discharge_until: expected 2.55 V to 4.2 V, found 2.3 V"),
         (experiment, "\"4.2 V\"", "\"4.3 V\"", "soc_reset.charge_voltage: expected 2.5 V to 4.2 V, found 4.3 V"),
         (experiment, "\"25 °C\"", "\"75 °C\"", "temperature.setpoint: expected 0 °C to 60 °C, found 75 °C"),
         (experiment, "rc = [1, 2, 3, 4]", "rc = [0]", "fit.rc: expected orders from 1 to 6, found [0]"),
@@ -93,4 +93,17 @@ fn virtual_time_on_real_ports_is_refused() {
     std::fs::write(&bench, text).unwrap();
     let message = load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string();
     assert!(message.contains("simulation.time: virtual time jumps ahead of answers on real ports"), "{message}");
+}
+
+#[test]
+fn scaled_time_on_an_instrument_elsewhere_is_refused() {
+    let folder = altered("benches/demo.toml", "\"memory:scope\"", "\"tcp://192.168.1.22:5025\"");
+    let bench = folder.path().join("benches/demo.toml");
+    let text = std::fs::read_to_string(&bench).unwrap().replace("[simulation]", "[simulation]\ntime = \"scaled:10\"");
+    std::fs::write(&bench, text).unwrap();
+    let message = load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string();
+    assert!(
+        message.contains("simulation.time: scaled time is for mocks on this machine, and scope is at tcp://192.168.1.22:5025"),
+        "{message}"
+    );
 }

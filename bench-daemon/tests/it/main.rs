@@ -5,4 +5,8 @@ mod architecture;
 mod configuration;
 mod demo;
 mod fit;
+mod kill;
 mod mock_process;
+mod ranging;
+mod support;
+mod verdicts;

@@ -3,9 +3,9 @@
 use super::{Dialect, Status};
 use crate::{
     exchange::{Exchange, Identity},
-    link::LinkProfile,
+    instrument::{Model, ms},
+    link::{Grammar, LinkProfile},
     scpi::decode::Terminator,
-    supply4q::ms,
     units::Celsius,
 };
 
@@ -14,7 +14,7 @@ pub(super) const JULABO: Julabo = Julabo;
 
 pub(super) struct Julabo;
 
-impl Dialect for Julabo {
+impl Model for Julabo {
     fn key(&self) -> &'static str {
         "julabo"
     }
@@ -22,6 +22,7 @@ impl Dialect for Julabo {
     fn profile(&self) -> LinkProfile {
         // The manual asks for 250 ms after a command and 10 ms after a query; what comes a little early on the way there is lost without a word.
         LinkProfile {
+            grammar: Grammar::Plain,
             terminator: Terminator::Cr,
             min_gap: ms(20),
             write_gap: ms(300),
@@ -38,7 +39,9 @@ impl Dialect for Julabo {
     fn recognises(&self, identity: &Identity) -> bool {
         identity.raw.to_ascii_uppercase().starts_with("JULABO")
     }
+}
 
+impl Dialect for Julabo {
     fn range(&self) -> (Celsius, Celsius) {
         (Celsius(-20.0), Celsius(150.0))
     }
@@ -46,7 +49,7 @@ impl Dialect for Julabo {
     fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange> {
         match setpoint {
             Some(Celsius(celsius)) => vec![
-                // Controls by its own sensor, and to the first of its three set-points, which is the one set below.
+                // Internal control, on the first set-point: with another one chosen the bath would follow that.
                 Exchange::word("OUT_MODE_04 0", "IN_MODE_04", &["0"]),
                 Exchange::send("OUT_MODE_01 0"),
                 Exchange::number(format!("OUT_SP_00 {celsius:.2}"), "IN_SP_00", celsius, 0.006),

@@ -3,17 +3,18 @@
 mod julabo;
 
 use crate::{
-    exchange::{Exchange, Identity, leading_number, play},
-    link::{Link, LinkError, LinkProfile},
+    exchange::{Exchange, play},
+    instrument::{Instrument, Model},
+    link::LinkError,
     units::Celsius,
 };
 
 /// What a chiller says of its state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Status {
-    /// It is known to circulate and control; a message in the place of the state says nothing of it.
+    /// It circulates and controls.
     pub running: bool,
-    /// It is not known to refuse commands.
+    /// It takes commands.
     pub remote: bool,
     /// An alarm that means the bath is not under control.
     pub alarm: Option<String>,
@@ -22,15 +23,7 @@ pub struct Status {
 }
 
 /// One model's language.
-pub trait Dialect: Send + Sync {
-    /// The name in a bench file.
-    fn key(&self) -> &'static str;
-    /// Pace and deadlines of its link.
-    fn profile(&self) -> LinkProfile;
-    /// Query for the identity.
-    fn identity_query(&self) -> &'static str;
-    /// Whether an identity answer is this dialect's.
-    fn recognises(&self, identity: &Identity) -> bool;
+pub trait Dialect: Model {
     /// Range of set-points.
     fn range(&self) -> (Celsius, Celsius);
     /// Set-point, then start; or stop.
@@ -45,28 +38,12 @@ pub trait Dialect: Send + Sync {
 pub const DIALECTS: &[&dyn Dialect] = &[&julabo::JULABO];
 
 /// A chiller on its link.
-pub struct Chiller {
-    link: Link,
-    dialect: &'static dyn Dialect,
-}
+pub type Chiller = Instrument<dyn Dialect>;
 
-impl Chiller {
-    /// Puts a dialect on a link. Sends nothing.
-    pub fn new(link: Link, dialect: &'static dyn Dialect) -> Self {
-        Self { link, dialect }
-    }
-
+impl Instrument<dyn Dialect> {
     /// Range of set-points.
     pub fn range(&self) -> (Celsius, Celsius) {
         self.dialect.range()
-    }
-
-    /// Asks who it is; changes nothing.
-    ///
-    /// # Errors
-    /// The link's.
-    pub async fn identify(&mut self) -> Result<Identity, LinkError> {
-        Ok(Identity::parse(&self.link.query(self.dialect.identity_query()).await?))
     }
 
     /// State and alarms.
@@ -104,26 +81,20 @@ impl Chiller {
         stopped
     }
 
-    /// Temperature of the bath.
-    ///
-    /// # Errors
-    /// The link's; an answer that is no number.
-    pub async fn temperature(&mut self) -> Result<Celsius, LinkError> {
-        let query = self.dialect.queries()[0];
-        let answer = self.link.query(query).await?;
-        leading_number(&answer).map(Celsius).ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a temperature"))
-    }
-
-    /// The link, for reconnecting.
-    pub fn link_mut(&mut self) -> &mut Link {
-        &mut self.link
-    }
-
     fn require_remote(&self, status: &Status) -> Result<(), LinkError> {
         if status.remote {
             return Ok(());
         }
         let expected = "remote mode (set it on the panel: in manual mode commands are ignored)";
         Err(LinkError::unexpected(self.link.name(), self.dialect.queries()[1], &status.raw, expected))
+    }
+
+    /// Temperature of the bath.
+    ///
+    /// # Errors
+    /// The link's; an answer that is no number.
+    pub async fn temperature(&mut self) -> Result<Celsius, LinkError> {
+        let query = self.dialect.queries()[0];
+        self.number(query).await.map(Celsius)
     }
 }

@@ -3,8 +3,9 @@
 mod siglent_sdg;
 
 use crate::{
-    exchange::{Exchange, Identity, play, play_all},
-    link::{Link, LinkError, LinkProfile},
+    exchange::{Exchange, play, play_all},
+    instrument::{Instrument, Model},
+    link::LinkError,
     units::{Hertz, Volts},
 };
 
@@ -33,63 +34,35 @@ pub struct Capabilities {
 }
 
 /// One model's language.
-pub trait Dialect: Send + Sync {
-    /// The name in a bench file.
-    fn key(&self) -> &'static str;
-    /// Pace and deadlines of its link.
-    fn profile(&self) -> LinkProfile;
+pub trait Dialect: Model {
     /// What it can do.
     fn capabilities(&self) -> Capabilities;
-    /// Whether an identity answer is this dialect's.
-    fn recognises(&self, identity: &Identity) -> bool;
-    /// Switches the output.
+    /// Output off (with an open-circuit load setting, so that the volts are true), or on; on is refused where the volts would not be true.
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange>;
-    /// What an earlier user may have left that makes another voltage of the same setting: load, polarity, burst, sweep, modulation.
-    fn prepare(&self, channel: u8) -> Vec<Exchange>;
     /// A sine; the output stays as it is.
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange>;
-    /// A steady voltage; the output stays as it is.
-    fn steady(&self, channel: u8, level: Volts) -> Vec<Exchange>;
+    /// The least sine around an offset, everything else that could move the output off; the output stays as it is.
+    fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
 }
 
 /// Every known model.
 pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdg::SDG1000X];
 
 /// One channel of a signal generator on its link.
-pub struct Generator {
-    link: Link,
-    dialect: &'static dyn Dialect,
-    channel: u8,
-    /// The volts that are set are the volts that come.
-    prepared: bool,
-}
+pub type Generator = Instrument<dyn Dialect>;
 
-impl Generator {
-    /// Puts a dialect on a link; `channel` is the output in use. Sends nothing.
-    pub fn new(link: Link, dialect: &'static dyn Dialect, channel: u8) -> Self {
-        Self { link, dialect, channel, prepared: false }
-    }
-
+impl Instrument<dyn Dialect> {
     /// What the model can do.
     pub fn capabilities(&self) -> Capabilities {
         self.dialect.capabilities()
     }
 
-    /// Asks who it is; changes nothing.
-    ///
-    /// # Errors
-    /// The link's.
-    pub async fn identify(&mut self) -> Result<Identity, LinkError> {
-        Ok(Identity::parse(&self.link.query("*IDN?").await?))
-    }
-
-    /// Sets the sine and reads it back: this family clamps silently.
+    /// Sets the sine and reads it back: this family clamps silently. For true volts [`Self::output`] must have been off before.
     ///
     /// # Errors
     /// The link's; a read-back that differs.
     pub async fn sine(&mut self, sine: &Sine) -> Result<(), LinkError> {
-        self.prepare().await?;
-        let script = self.dialect.sine(self.channel, sine);
+        let script = self.dialect.sine(self.output_channel(), sine);
         match play(&mut self.link, &script).await {
             // The amplitude is clamped by the offset that it finds and the other way round; once more, and each finds the new one.
             Err(LinkError::ReadBack { .. }) => play(&mut self.link, &script).await,
@@ -97,25 +70,22 @@ impl Generator {
         }
     }
 
-    /// Sets a steady level.
+    /// As near to a steady offset as the instrument comes: its least sine, never another waveform that could bring an old amplitude back.
     ///
     /// # Errors
     /// As [`Self::sine`].
-    pub async fn steady(&mut self, level: Volts) -> Result<(), LinkError> {
-        self.prepare().await?;
-        play(&mut self.link, &self.dialect.steady(self.channel, level)).await
+    pub async fn quiet(&mut self, offset: Volts) -> Result<(), LinkError> {
+        let script = self.dialect.quiet(self.output_channel(), offset);
+        play_all(&mut self.link, &script).await
     }
 
-    /// Switches the output; off first, then whatever an earlier user left is undone.
+    /// Switches the output.
     ///
     /// # Errors
     /// As [`Self::sine`].
     pub async fn output(&mut self, on: bool) -> Result<(), LinkError> {
-        if !on {
-            play(&mut self.link, &self.dialect.output(self.channel, false)).await?;
-        }
-        self.prepare().await?;
-        if on { play(&mut self.link, &self.dialect.output(self.channel, true)).await } else { Ok(()) }
+        let script = self.dialect.output(self.output_channel(), on);
+        play(&mut self.link, &script).await
     }
 
     /// Output off. Safe at any time, also twice.
@@ -123,20 +93,12 @@ impl Generator {
     /// # Errors
     /// As [`Self::sine`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        play_all(&mut self.link, &self.dialect.output(self.channel, false)).await
+        let script = self.dialect.output(self.output_channel(), false);
+        play_all(&mut self.link, &script).await
     }
 
-    /// The link, for reconnecting. Somebody else may have used the instrument meanwhile, so that nothing is taken as set afterwards.
-    pub fn link_mut(&mut self) -> &mut Link {
-        self.prepared = false;
-        &mut self.link
-    }
-
-    async fn prepare(&mut self) -> Result<(), LinkError> {
-        if !self.prepared {
-            play(&mut self.link, &self.dialect.prepare(self.channel)).await?;
-            self.prepared = true;
-        }
-        Ok(())
+    /// The first of the channels in use; 1 where none was named.
+    fn output_channel(&self) -> u8 {
+        self.channels.first().and_then(|channel| u8::try_from(*channel).ok()).unwrap_or(1)
     }
 }

@@ -4,13 +4,18 @@
 use super::{Capabilities, Dialect, Sine};
 use crate::{
     exchange::{Exchange, Expect, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
-    supply4q::ms,
     units::{Hertz, Volts},
 };
 
 /// Siglent SDG1000X.
 pub(super) const SDG1000X: Sdg = Sdg;
+
+/// The least sine: 2 mV peak to peak.
+const MIN_AMPLITUDE: Volts = Volts(1.0e-3);
+/// Its frequency while nothing is driven.
+const QUIET_FREQ: Hertz = Hertz(1000.0);
 
 /// Relative rounding of a frequency that is read back.
 const FREQ_DIGITS: f64 = 1.0e-6;
@@ -21,7 +26,7 @@ const OFFSET_TOLERANCE_V: f64 = 1.0e-3;
 
 pub(super) struct Sdg;
 
-impl Dialect for Sdg {
+impl Model for Sdg {
     fn key(&self) -> &'static str {
         "siglent-sdg1000x"
     }
@@ -30,44 +35,30 @@ impl Dialect for Sdg {
         LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
     }
 
+    fn recognises(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDG") && identity.model.contains('X')
+    }
+}
+
+impl Dialect for Sdg {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             freq_range: (Hertz(1.0e-6), Hertz(30.0e6)),
-            // 2 mV peak to peak.
-            min_amplitude: Volts(1.0e-3),
+            min_amplitude: MIN_AMPLITUDE,
             max_peak: Volts(10.0),
             freq_step: Hertz(1.0e-6),
         }
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDG") && identity.model.contains('X')
-    }
-
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange> {
-        let (word, expect) = if on {
-            ("ON", Expect::All(vec![contains("OUTP ON"), contains("LOAD,HZ"), contains("PLRT,NOR")]))
-        } else {
-            ("OFF", contains("OUTP OFF"))
-        };
-        vec![Exchange::Set { message: format!("C{channel}:OUTP {word}"), read_back: format!("C{channel}:OUTP?"), expect }]
-    }
-
-    fn prepare(&self, channel: u8) -> Vec<Exchange> {
-        // With 50 Ω set, an open analog input would see twice the volts that were asked for; inverted, it would charge instead of discharge.
-        [("OUTP LOAD,HZ", "OUTP?", "LOAD,HZ"), ("OUTP PLRT,NOR", "OUTP?", "PLRT,NOR")]
-            .into_iter()
-            .chain([
-                ("BTWV STATE,OFF", "BTWV?", "STATE,OFF"),
-                ("SWWV STATE,OFF", "SWWV?", "STATE,OFF"),
-                ("MDWV STATE,OFF", "MDWV?", "STATE,OFF"),
-            ])
-            .map(|(message, read_back, text)| Exchange::Set {
-                message: format!("C{channel}:{message}"),
-                read_back: format!("C{channel}:{read_back}"),
-                expect: contains(text),
-            })
-            .collect()
+        let outp = |arguments: &str, expect| set(channel, "OUTP", arguments, expect);
+        if on {
+            // With 50 Ω set, an open analog input would see twice the volts that were asked for; inverted, it would charge instead of discharge.
+            let true_volts = || vec![contains("LOAD,HZ"), contains("PLRT,NOR")];
+            let on = [vec![contains("OUTP ON")], true_volts()].concat();
+            return vec![outp("PLRT,NOR", Expect::All(true_volts())), outp("ON", Expect::All(on))];
+        }
+        vec![outp("OFF", contains("OUTP OFF")), outp("LOAD,HZ", contains("LOAD,HZ"))]
     }
 
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange> {
@@ -80,18 +71,21 @@ impl Dialect for Sdg {
         vec![Exchange::Set {
             message: format!("C{channel}:BSWV WVTP,SINE,FRQ,{freq_hz:.6},AMP,{peak_to_peak_v:.4},OFST,{offset_v:.4},PHSE,0"),
             read_back: format!("C{channel}:BSWV?"),
-            expect: Expect::All(vec![contains("WVTP,SINE"), Expect::Fields(fields)]),
+            expect: Expect::All(vec![Expect::FieldWord("WVTP", "SINE"), Expect::Fields(fields)]),
         }]
     }
 
-    fn steady(&self, channel: u8, level: Volts) -> Vec<Exchange> {
-        let level_v = level.value();
-        vec![Exchange::Set {
-            message: format!("C{channel}:BSWV WVTP,DC,OFST,{level_v:.4}"),
-            read_back: format!("C{channel}:BSWV?"),
-            expect: Expect::All(vec![contains("WVTP,DC"), Expect::Fields(vec![("OFST", level_v, OFFSET_TOLERANCE_V)])]),
-        }]
+    fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
+        let mut script = self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset });
+        script.push(set(channel, "OUTP", "PLRT,NOR", contains("PLRT,NOR")));
+        script.extend(["BTWV", "SWWV", "MDWV"].map(|modifier| set(channel, modifier, "STATE,OFF", contains("STATE,OFF"))));
+        script
     }
+}
+
+/// A command of the channel, read back by its own bare query.
+fn set(channel: u8, header: &str, arguments: &str, expect: Expect) -> Exchange {
+    Exchange::Set { message: format!("C{channel}:{header} {arguments}"), read_back: format!("C{channel}:{header}?"), expect }
 }
 
 fn contains(text: &str) -> Expect {

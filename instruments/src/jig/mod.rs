@@ -2,9 +2,9 @@
 
 use crate::{
     exchange::{Exchange, Identity, play},
+    instrument::ms,
     link::{Link, LinkError, LinkProfile},
     mock::plant::Fixture,
-    supply4q::ms,
 };
 
 /// The name in a bench file.

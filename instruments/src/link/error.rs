@@ -48,6 +48,26 @@ pub enum LinkError {
         /// The message, escaped.
         message: String,
     },
+    /// The message is no message of the instrument's language, or does not fit what is to be done with it; nothing was sent.
+    #[error("{link}: `{message}`: {reason}; nothing was sent")]
+    Malformed {
+        /// The instrument.
+        link: String,
+        /// The message, escaped.
+        message: String,
+        /// What was expected and what was found.
+        reason: String,
+    },
+    /// The message holds a command that must never be sent with a cell in the jig; nothing was sent.
+    #[error("{link}: `{message}` holds {header}, which is never sent to an instrument of this bench; nothing was sent")]
+    Forbidden {
+        /// The instrument.
+        link: String,
+        /// The message, escaped.
+        message: String,
+        /// The command.
+        header: &'static str,
+    },
     /// The instrument did not take the message in time. The link is dropped.
     #[error("{link}: expected `{message}` to be taken within {deadline:?}, it was not")]
     WriteTimeout {
@@ -176,7 +196,15 @@ fn listed(entries: &[ErrorEntry]) -> String {
 impl LinkError {
     /// The link is dropped after this error and answers nothing until it is reconnected.
     pub fn drops_link(&self) -> bool {
-        !matches!(self, Self::Unsendable { .. } | Self::Refused { .. } | Self::ReadBack { .. } | Self::Unexpected { .. })
+        !matches!(
+            self,
+            Self::Unsendable { .. }
+                | Self::Malformed { .. }
+                | Self::Forbidden { .. }
+                | Self::Refused { .. }
+                | Self::ReadBack { .. }
+                | Self::Unexpected { .. }
+        )
     }
 
     /// An answer that a driver cannot use.

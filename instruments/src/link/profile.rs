@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::guard::{Grammar, NEVER_SENT};
 use crate::{
     clock::Clock,
     scpi::decode::{DecoderOptions, Terminator},
@@ -12,6 +13,10 @@ use crate::{
 /// The manners of one dialect. Gaps count bench time, deadlines count time on the wire ([`Clock::deadline`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LinkProfile {
+    /// The language: what every message must be before it is sent.
+    pub grammar: Grammar,
+    /// Commands that are refused, in manual notation.
+    pub never_sent: &'static [&'static str],
     /// Written behind every message. Answers end with NL, or with CR too where this is [`Terminator::Cr`].
     pub terminator: Terminator,
     /// Least time between the end of one exchange and the next message.
@@ -40,6 +45,8 @@ impl LinkProfile {
     /// An instrument with a SCPI error queue on a raw socket: NL, no gaps, 10 s for the first answer, 2 s for later ones, 30 s for a block.
     pub const fn scpi() -> Self {
         Self {
+            grammar: Grammar::Scpi,
+            never_sent: NEVER_SENT,
             terminator: Terminator::Lf,
             min_gap: Duration::ZERO,
             write_gap: Duration::ZERO,

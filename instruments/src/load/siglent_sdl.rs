@@ -3,8 +3,8 @@
 use super::{Capabilities, Dialect, Discharge};
 use crate::{
     exchange::{Exchange, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
-    supply4q::ms,
     units::Amps,
 };
 
@@ -13,7 +13,7 @@ pub(super) const SDL1000X: Sdl = Sdl;
 
 pub(super) struct Sdl;
 
-impl Dialect for Sdl {
+impl Model for Sdl {
     fn key(&self) -> &'static str {
         "siglent-sdl1000x"
     }
@@ -22,12 +22,14 @@ impl Dialect for Sdl {
         LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
     }
 
-    fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(30.0), max_power_w: 200.0 }
-    }
-
     fn recognises(&self, identity: &Identity) -> bool {
         identity.maker.starts_with("Siglent") && identity.model.starts_with("SDL")
+    }
+}
+
+impl Dialect for Sdl {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { max_current: Amps(30.0), max_power_w: 200.0 }
     }
 
     fn input(&self, on: bool) -> Vec<Exchange> {
@@ -44,10 +46,10 @@ impl Dialect for Sdl {
             Exchange::number(format!(":CURR:IRANG {range}"), ":CURR:IRANG?", range_value, 0.1),
             // Above 36 V there is no cell, and the coarse range reads ten times worse.
             Exchange::number(":CURR:VRANG 36", ":CURR:VRANG?", 36.0, 0.1),
-            Exchange::number(format!(":CURR:LEV:IMM {current:.4}"), ":CURR:LEV:IMM?", current, 2.0e-3),
+            Exchange::fixed(":CURR:LEV:IMM", current, (4, 2.0e-3)),
             // With the latch off the input opens by itself when the cell falls below this voltage: a second guard beside the daemon.
-            Exchange::word(":VOLT:LATC OFF", ":VOLT:LATC?", &["0", "OFF"]),
-            Exchange::number(format!(":VOLT:LEV:ON {stop:.3}"), ":VOLT:LEV:ON?", stop, 5.0e-3),
+            Exchange::switch(":VOLT:LATC", false),
+            Exchange::fixed(":VOLT:LEV:ON", stop, (3, 5.0e-3)),
         ]
     }
 

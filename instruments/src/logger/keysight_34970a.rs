@@ -3,8 +3,8 @@
 use super::Dialect;
 use crate::{
     exchange::{Exchange, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
-    supply4q::ms,
 };
 
 /// Keysight 34970A.
@@ -12,7 +12,7 @@ pub(super) const LOGGER_34970A: Keysight34970a = Keysight34970a;
 
 pub(super) struct Keysight34970a;
 
-impl Dialect for Keysight34970a {
+impl Model for Keysight34970a {
     fn key(&self) -> &'static str {
         "keysight-34970a"
     }
@@ -25,13 +25,15 @@ impl Dialect for Keysight34970a {
     fn recognises(&self, identity: &Identity) -> bool {
         ["34970A", "34972A", "DAQ970A"].iter().any(|model| identity.model.starts_with(model))
     }
+}
 
+impl Dialect for Keysight34970a {
     fn configure(&self, channels: &[u16]) -> Vec<Exchange> {
-        let list = channels.iter().map(u16::to_string).collect::<Vec<_>>().join(",");
+        let list: Vec<u32> = channels.iter().copied().map(u32::from).collect();
         vec![
-            Exchange::send(format!("CONF:TEMP TC,K,(@{list})")),
-            Exchange::send(format!("UNIT:TEMP C,(@{list})")),
-            Exchange::send(format!("ROUT:SCAN (@{list})")),
+            Exchange::command("CONF:TEMP", |command| command.word("TC").word("K").channels(&list)),
+            Exchange::command("UNIT:TEMP", |command| command.word("C").channels(&list)),
+            Exchange::command("ROUT:SCAN", |command| command.channels(&list)),
             Exchange::send("TRIG:SOUR IMM"),
             Exchange::send("TRIG:COUN 1"),
             // Without these four the answer holds readings only.

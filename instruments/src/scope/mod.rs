@@ -6,8 +6,9 @@
 mod siglent_sds;
 
 use crate::{
-    exchange::{Exchange, Identity, leading_number, play},
-    link::{Link, LinkError, LinkProfile},
+    exchange::{Exchange, leading_number, play},
+    instrument::{Instrument, Model},
+    link::LinkError,
     units::{Seconds, Volts},
 };
 
@@ -89,7 +90,7 @@ pub enum Intent {
     },
     /// A channel's vertical setting, DC coupled, 20 MHz.
     Vertical(Vertical),
-    /// Time per division, trigger at the centre of the screen.
+    /// Time per division, trigger at the centre.
     Timebase(Seconds),
     /// Edge trigger, rising.
     Trigger(Trigger),
@@ -179,15 +180,9 @@ impl Waveform {
 }
 
 /// One model's language.
-pub trait Dialect: Send + Sync {
-    /// The name in a bench file.
-    fn key(&self) -> &'static str;
-    /// Pace and deadlines of its link.
-    fn profile(&self) -> LinkProfile;
+pub trait Dialect: Model {
     /// What it can do.
     fn capabilities(&self) -> Capabilities;
-    /// Whether an identity answer is this dialect's.
-    fn recognises(&self, identity: &Identity) -> bool;
     /// The texts for an intent.
     fn script(&self, intent: &Intent) -> Vec<Exchange>;
     /// The queries.
@@ -213,28 +208,12 @@ const POLL_S: f64 = 0.1;
 const POLLS: usize = 50;
 
 /// An oscilloscope on its link.
-pub struct Scope {
-    link: Link,
-    dialect: &'static dyn Dialect,
-}
+pub type Scope = Instrument<dyn Dialect>;
 
-impl Scope {
-    /// Puts a dialect on a link. Sends nothing.
-    pub fn new(link: Link, dialect: &'static dyn Dialect) -> Self {
-        Self { link, dialect }
-    }
-
+impl Instrument<dyn Dialect> {
     /// What the model can do.
     pub fn capabilities(&self) -> Capabilities {
         self.dialect.capabilities()
-    }
-
-    /// Asks who it is; changes nothing.
-    ///
-    /// # Errors
-    /// The link's.
-    pub async fn identify(&mut self) -> Result<Identity, LinkError> {
-        Ok(Identity::parse(&self.link.query("*IDN?").await?))
     }
 
     /// Plays one intent.
@@ -323,11 +302,6 @@ impl Scope {
     /// As [`Self::set`].
     pub async fn release(&mut self) -> Result<(), LinkError> {
         self.set(&Intent::Stop).await
-    }
-
-    /// The link, for reconnecting.
-    pub fn link_mut(&mut self) -> &mut Link {
-        &mut self.link
     }
 }
 

@@ -1,12 +1,13 @@
 //! Siglent SDS800X HD (and 1000X HD, 2000X HD): binary 346-byte descriptor, signed left-justified codes, zero-based paging.
 //!
-//! Read-backs show three digits until `:FORMat:DATA` is set, so that comes first wherever numbers are read back. The final `0A 0A` after a block is the link's business.
+//! Read-backs show three digits until `:FORMat:DATA` is set, so that comes first wherever numbers
+//! are read back. The final `0A 0A` after a block is the link's business.
 
 use super::{Capabilities, Dialect, Intent, Preamble, Queries};
 use crate::{
     exchange::{Exchange, Expect, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
-    supply4q::ms,
     units::{Seconds, Volts},
 };
 
@@ -31,7 +32,7 @@ const OFFSET_LIMITS: &[(Volts, Volts)] = &[
 
 pub(super) struct Sds;
 
-impl Dialect for Sds {
+impl Model for Sds {
     fn key(&self) -> &'static str {
         "siglent-sds800x-hd"
     }
@@ -40,6 +41,12 @@ impl Dialect for Sds {
         LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
     }
 
+    fn recognises(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDS") && identity.model.ends_with("HD")
+    }
+}
+
+impl Dialect for Sds {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             per_div: (Volts(0.5e-3), Volts(10.0)),
@@ -48,10 +55,6 @@ impl Dialect for Sds {
             horizontal_div: 10.0,
             max_time_per_div: Seconds(1000.0),
         }
-    }
-
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDS") && identity.model.ends_with("HD")
     }
 
     fn script(&self, intent: &Intent) -> Vec<Exchange> {
@@ -67,12 +70,8 @@ impl Dialect for Sds {
                     Exchange::number(format!(":CHANnel{n}:PROBe VALue,1.00E+00"), format!(":CHANnel{n}:PROBe?"), 1.0, 1.0e-6),
                     Exchange::number(format!(":CHANnel{n}:SCALe {scale:.5E}"), format!(":CHANnel{n}:SCALe?"), scale, 0.02 * scale),
                     // The limit of the offset depends on the scale, so the scale comes first.
-                    Exchange::number(
-                        format!(":CHANnel{n}:OFFSet {offset:.5E}"),
-                        format!(":CHANnel{n}:OFFSet?"),
-                        offset,
-                        0.02 * scale + 1.0e-4,
-                    ),
+                    // Where exactly it went stands in the descriptor; here only a clamped one must show.
+                    Exchange::number(format!(":CHANnel{n}:OFFSet {offset:.5E}"), format!(":CHANnel{n}:OFFSet?"), offset, 0.25 * scale),
                 ]
             }
             Intent::Timebase(per_div) => {

@@ -3,9 +3,9 @@
 mod siglent_spd;
 
 use crate::{
-    exchange::{Exchange, Identity, forget_errors, play, play_all},
-    link::{Link, LinkError, LinkProfile},
-    supply4q::number,
+    exchange::{Exchange, forget_errors, play, play_all},
+    instrument::{Instrument, Model},
+    link::LinkError,
     units::{Amps, Volts},
 };
 
@@ -28,15 +28,9 @@ pub struct Capabilities {
 }
 
 /// One model's language.
-pub trait Dialect: Send + Sync {
-    /// The name in a bench file.
-    fn key(&self) -> &'static str;
-    /// Pace and deadlines of its link.
-    fn profile(&self) -> LinkProfile;
+pub trait Dialect: Model {
     /// What it can do.
     fn capabilities(&self) -> Capabilities;
-    /// Whether an identity answer is this dialect's.
-    fn recognises(&self, identity: &Identity) -> bool;
     /// Switches the output.
     fn output(&self, on: bool) -> Vec<Exchange>;
     /// Voltage and current limit; assumes the output is off.
@@ -49,28 +43,12 @@ pub trait Dialect: Send + Sync {
 pub const DIALECTS: &[&dyn Dialect] = &[&siglent_spd::SPD3303X];
 
 /// Channel 1 of a DC supply on its link.
-pub struct Supply {
-    link: Link,
-    dialect: &'static dyn Dialect,
-}
+pub type Supply = Instrument<dyn Dialect>;
 
-impl Supply {
-    /// Puts a dialect on a link. Sends nothing.
-    pub fn new(link: Link, dialect: &'static dyn Dialect) -> Self {
-        Self { link, dialect }
-    }
-
+impl Instrument<dyn Dialect> {
     /// What the model can do.
     pub fn capabilities(&self) -> Capabilities {
         self.dialect.capabilities()
-    }
-
-    /// Asks who it is; changes nothing.
-    ///
-    /// # Errors
-    /// The link's.
-    pub async fn identify(&mut self) -> Result<Identity, LinkError> {
-        Ok(Identity::parse(&self.link.query("*IDN?").await?))
     }
 
     /// Output off, then the limits, read back.
@@ -104,12 +82,7 @@ impl Supply {
     /// # Errors
     /// The link's; an answer that is no number.
     pub async fn measure(&mut self) -> Result<(Volts, Amps), LinkError> {
-        let [volts, amps] = self.dialect.measure();
-        Ok((Volts(number(&mut self.link, volts).await?), Amps(number(&mut self.link, amps).await?)))
-    }
-
-    /// The link, for reconnecting.
-    pub fn link_mut(&mut self) -> &mut Link {
-        &mut self.link
+        let queries = self.dialect.measure();
+        self.volts_and_amps(queries).await
     }
 }

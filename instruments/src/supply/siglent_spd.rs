@@ -4,8 +4,8 @@
 use super::{Capabilities, Charge, Dialect};
 use crate::{
     exchange::{Exchange, Expect, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
-    supply4q::ms,
     units::{Amps, Volts},
 };
 
@@ -19,7 +19,7 @@ const CHANNEL_1_ON: u32 = 1 << 4;
 
 pub(super) struct Spd;
 
-impl Dialect for Spd {
+impl Model for Spd {
     fn key(&self) -> &'static str {
         "siglent-spd3303x"
     }
@@ -28,12 +28,14 @@ impl Dialect for Spd {
         LinkProfile { min_gap: ms(20), ..LinkProfile::scpi() }
     }
 
-    fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(3.2), max_voltage: Volts(32.0) }
-    }
-
     fn recognises(&self, identity: &Identity) -> bool {
         identity.maker.starts_with("Siglent") && identity.model.starts_with("SPD3303X")
+    }
+}
+
+impl Dialect for Spd {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { max_current: Amps(3.2), max_voltage: Volts(32.0) }
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {
@@ -54,8 +56,8 @@ impl Dialect for Spd {
                 read_back: "SYST:STAT?".to_owned(),
                 expect: Expect::Bits { mask: TRACKING.0, bits: TRACKING.1 },
             },
-            Exchange::number(format!("CH1:VOLT {voltage:.3}"), "CH1:VOLT?", voltage, 2.0e-3),
-            Exchange::number(format!("CH1:CURR {current:.3}"), "CH1:CURR?", current, 2.0e-3),
+            Exchange::fixed("CH1:VOLT", voltage, (3, 2.0e-3)),
+            Exchange::fixed("CH1:CURR", current, (3, 2.0e-3)),
         ]
     }
 

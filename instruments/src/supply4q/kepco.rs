@@ -3,33 +3,33 @@
 //!
 //! Numbers go out as plain `%.4f`: the parser of the instrument drops digits silently when there are more than four before the point.
 
-use super::{AnalogSelect, Capabilities, Dialect, Limits, ms};
+use super::{AnalogSelect, Capabilities, Dialect, Limits};
 use crate::{
     exchange::{Exchange, Expect, Identity},
+    instrument::{Model, ms},
     link::LinkProfile,
     units::{Amps, Volts},
 };
 
 /// Kepco BOP 1KW 50-20MG/GL, analog input selected by command: the 20 A member of the family.
 pub(super) const BOP_MG: Kepco = Kepco { key: "kepco-bop-mg", analog_select: AnalogSelect::Command };
-/// Kepco BOP 20-20M/D/ML, linear, with a BIT card. No linear one has more than 20 A, so that one whose card keeps its rating to itself can only
-/// drive less than was asked for.
+/// Kepco BOP 20-20M/D/ML, linear, with a BIT card.
 pub(super) const BOP_LINEAR: Kepco = Kepco { key: "kepco-bop-linear", analog_select: AnalogSelect::Wiring };
 
-/// Tolerance of read-backs: the display of a 20 A instrument rounds to a milliampere.
-const TOLERANCE: f64 = 5.0e-3;
+/// Decimals of what is sent, and tolerance of what is read back: the display of a 20 A instrument rounds to a milliampere.
+const READ_BACK: (usize, f64) = (4, 5.0e-3);
 
-/// Full scale of the analog input: a unit of another rating would drive another current at the same command.
-const RATED_A: f64 = 20.0;
 /// The linear units end at 400 W, the switching ones have 1 kW.
 const SWITCHING_FROM_W: f64 = 1000.0;
+/// Full scale of the members that this driver knows.
+const FULL_SCALE: Amps = Amps(20.0);
 
 pub(super) struct Kepco {
     key: &'static str,
     analog_select: AnalogSelect,
 }
 
-impl Dialect for Kepco {
+impl Model for Kepco {
     fn key(&self) -> &'static str {
         self.key
     }
@@ -39,10 +39,25 @@ impl Dialect for Kepco {
         LinkProfile { min_gap: ms(35), ..LinkProfile::scpi() }
     }
 
+    fn recognises(&self, identity: &Identity) -> bool {
+        let raw = identity.raw.to_ascii_uppercase();
+        let rating = rating(&identity.model);
+        let switching = raw.contains("1KW") || rating.is_some_and(|(volts, amps)| volts * amps >= SWITCHING_FROM_W);
+        // The family spans 10 V / 75 A to 200 V / 1 A: volts at the analog input mean other amperes on another member.
+        let rated = rating.map(|(_, amps)| (amps - FULL_SCALE.value()).abs() < 0.5);
+        match self.analog_select {
+            AnalogSelect::Command => raw.starts_with("KEPCO") && switching && rated == Some(true),
+            // Old cards name themselves instead of their unit; no linear unit has more than 20 A.
+            AnalogSelect::Wiring => raw.starts_with("KEPCO") && !switching && rated.unwrap_or(true),
+        }
+    }
+}
+
+impl Dialect for Kepco {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             analog_select: self.analog_select,
-            full_scale: Amps(RATED_A),
+            full_scale: FULL_SCALE,
             full_scale_voltage: Volts(match self.analog_select {
                 AnalogSelect::Command => 50.0,
                 AnalogSelect::Wiring => 20.0,
@@ -52,23 +67,11 @@ impl Dialect for Kepco {
         }
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        let raw = identity.raw.to_ascii_uppercase();
-        let rating = rating(&identity.model);
-        let switching = raw.contains("1KW") || rating.is_some_and(|(volts, amps)| volts * amps >= SWITCHING_FROM_W);
-        let rated = rating.map(|(_, amps)| (amps - RATED_A).abs() < 0.5);
-        match self.analog_select {
-            AnalogSelect::Command => raw.starts_with("KEPCO") && switching && rated == Some(true),
-            // Old cards name themselves instead of their unit.
-            AnalogSelect::Wiring => raw.starts_with("KEPCO") && !switching && rated.unwrap_or(true),
-        }
-    }
-
     fn output(&self, on: bool) -> Vec<Exchange> {
         if on {
-            return vec![Exchange::word("OUTP ON", "OUTP?", &["1", "ON"])];
+            return vec![Exchange::switch("OUTP", true)];
         }
-        let off = Exchange::word("OUTP OFF", "OUTP?", &["0", "OFF"]);
+        let off = Exchange::switch("OUTP", false);
         match self.analog_select {
             // The factory setting ACTIVE holds zero volts when off, which shorts a cell; BATTERY opens the output.
             AnalogSelect::Command => vec![Exchange::word("OUTP:MODE BATTERY", "OUTP:MODE?", &["BATTERY", "BATT"]), off],
@@ -83,19 +86,14 @@ impl Dialect for Kepco {
             // Acts on the main channel, so that the mode comes first.
             script.push(Exchange::word("CURR:MODE FIX", "CURR:MODE?", &["FIX", "FIXED"]));
         }
-        script.push(Exchange::number("CURR 0.0000", "CURR?", 0.0, TOLERANCE));
-        let compliance = limits.compliance.value();
-        script.push(Exchange::number(format!("VOLT {compliance:.4}"), "VOLT?", compliance, TOLERANCE));
+        script.push(Exchange::fixed("CURR", 0.0, READ_BACK));
+        script.push(Exchange::fixed("VOLT", limits.compliance.value(), READ_BACK));
         if self.analog_select == AnalogSelect::Command {
-            // Left at EXT, pins of the analog port would set the limits and the digital ones have no effect (manual, B.31 and B.96).
+            // Left at EXT, pins of the analog port would set the limits and the digital ones have no effect.
             script.push(Exchange::word("VOLT:PROT:MODE FIX", "VOLT:PROT:MODE?", &["FIX", "FIXED"]));
             script.push(Exchange::word("CURR:PROT:MODE FIX", "CURR:PROT:MODE?", &["FIX", "FIXED"]));
-            let current = limits.current.value();
-            script.push(Exchange::Set {
-                message: format!("CURR:PROT {current:.4}"),
-                read_back: "CURR:PROT?".to_owned(),
-                expect: Expect::Magnitudes { value: current, tolerance: TOLERANCE },
-            });
+            // In current mode the protection channel is the voltage; only the software limit bounds the current.
+            script.push(both_signs("CURR:LIM", limits.current.value()));
         }
         script
     }
@@ -122,6 +120,17 @@ fn rating(model: &str) -> Option<(f64, f64)> {
     })
 }
 
+/// A limit of both signs: it is answered as `pos, neg`.
+fn both_signs(header: &str, value: f64) -> Exchange {
+    let (decimals, tolerance) = READ_BACK;
+    match Exchange::command(header, |command| command.fixed(value, decimals)) {
+        Exchange::Send(message) => {
+            Exchange::Set { message, read_back: format!("{header}?"), expect: Expect::Magnitude { value, tolerance } }
+        }
+        refused => refused,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -130,7 +139,7 @@ mod tests {
         script
             .iter()
             .map(|exchange| match exchange {
-                Exchange::Send(message) | Exchange::Set { message, .. } => message.as_str(),
+                Exchange::Send(message) | Exchange::Set { message, .. } | Exchange::Refuse { message, .. } => message.as_str(),
             })
             .collect()
     }
@@ -147,7 +156,7 @@ mod tests {
                 "VOLT 5.0000",
                 "VOLT:PROT:MODE FIX",
                 "CURR:PROT:MODE FIX",
-                "CURR:PROT 3.0000",
+                "CURR:LIM 3.0000"
             ]
         );
         assert_eq!(words(&BOP_MG.analog(true)), ["CURR:MODE EXT"]);

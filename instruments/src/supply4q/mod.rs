@@ -5,11 +5,10 @@
 
 mod kepco;
 
-use std::time::Duration;
-
 use crate::{
-    exchange::{Exchange, Identity, forget_errors, leading_number, play, play_all},
-    link::{Link, LinkError, LinkProfile},
+    exchange::{Exchange, forget_errors, play, play_all},
+    instrument::{Instrument, Model},
+    link::LinkError,
     units::{Amps, Volts},
 };
 
@@ -48,15 +47,9 @@ pub struct Limits {
 }
 
 /// One model's language.
-pub trait Dialect: Send + Sync {
-    /// The name in a bench file.
-    fn key(&self) -> &'static str;
-    /// Pace and deadlines of its link.
-    fn profile(&self) -> LinkProfile;
+pub trait Dialect: Model {
     /// What it can do.
     fn capabilities(&self) -> Capabilities;
-    /// Whether an identity answer is this dialect's.
-    fn recognises(&self, identity: &Identity) -> bool;
     /// Switches the output. Off is the first and the last thing, and must leave the cell unconnected, not shorted by an output that holds zero
     /// volts: where the instrument can do either, the script chooses first.
     fn output(&self, on: bool) -> Vec<Exchange>;
@@ -72,28 +65,12 @@ pub trait Dialect: Send + Sync {
 pub const DIALECTS: &[&dyn Dialect] = &[&kepco::BOP_MG, &kepco::BOP_LINEAR];
 
 /// A bipolar supply on its link.
-pub struct Supply4q {
-    link: Link,
-    dialect: &'static dyn Dialect,
-}
+pub type Supply4q = Instrument<dyn Dialect>;
 
-impl Supply4q {
-    /// Puts a dialect on a link. Sends nothing.
-    pub fn new(link: Link, dialect: &'static dyn Dialect) -> Self {
-        Self { link, dialect }
-    }
-
+impl Instrument<dyn Dialect> {
     /// What the model can do.
     pub fn capabilities(&self) -> Capabilities {
         self.dialect.capabilities()
-    }
-
-    /// Asks who it is; changes nothing.
-    ///
-    /// # Errors
-    /// The link's.
-    pub async fn identify(&mut self) -> Result<Identity, LinkError> {
-        Ok(Identity::parse(&self.link.query("*IDN?").await?))
     }
 
     /// Output off, then current mode with zero current and the limits read back. The cell is not yet connected to anything that drives it.
@@ -130,28 +107,7 @@ impl Supply4q {
     /// # Errors
     /// The link's, or [`LinkError`] for an answer that is no number.
     pub async fn measure(&mut self) -> Result<(Volts, Amps), LinkError> {
-        let [volts, amps] = self.dialect.measure();
-        Ok((Volts(number(&mut self.link, volts).await?), Amps(number(&mut self.link, amps).await?)))
+        let queries = self.dialect.measure();
+        self.volts_and_amps(queries).await
     }
-
-    /// The link, for reconnecting.
-    pub fn link_mut(&mut self) -> &mut Link {
-        &mut self.link
-    }
-}
-
-/// What SCPI says for an overload (9.9E37) and for no number at all (9.91E37) is no reading.
-const NO_READING: f64 = 9.0e37;
-
-/// Asks for one number.
-pub(crate) async fn number(link: &mut Link, query: &str) -> Result<f64, LinkError> {
-    let answer = link.query(query).await?;
-    leading_number(&answer)
-        .filter(|number| number.abs() < NO_READING)
-        .ok_or_else(|| LinkError::unexpected(link.name(), query, &answer, "a number"))
-}
-
-/// Milliseconds, for profiles.
-pub(crate) const fn ms(milliseconds: u64) -> Duration {
-    Duration::from_millis(milliseconds)
 }

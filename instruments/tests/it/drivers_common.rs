@@ -3,22 +3,21 @@
 use std::sync::{Arc, Mutex};
 
 use instruments::{
-    chiller::{self, Chiller},
+    chiller,
     clock::{Clock, TimeMode},
     exchange::{Exchange, Identity, play, play_all},
-    generator::{self, Generator},
+    generator,
+    instrument::Instrument,
     jig::Jig,
-    link::{Link, LinkProfile},
-    load::{self, Load},
-    logger::{self, Logger},
+    link::{Grammar, Link, LinkProfile},
+    load, logger,
     mock::{
         self, Device, MODELS, MockOptions,
         plant::{Action, BipolarState, Fixture},
     },
-    scope::{self, Scope},
+    scope,
     scpi::decode::Terminator,
-    supply::{self, Supply},
-    supply4q::{self, Supply4q},
+    supply, supply4q,
     transcript::Tap,
     transport::MemoryHub,
 };
@@ -81,7 +80,7 @@ impl Rig {
 
     /// Somebody else uses the instrument, and goes.
     pub(crate) async fn earlier_user(&self, terminator: Terminator, messages: &[&str]) {
-        let profile = LinkProfile { terminator, error_query: None, ..LinkProfile::scpi() };
+        let profile = LinkProfile { grammar: Grammar::Plain, terminator, error_query: None, ..LinkProfile::scpi() };
         let mut link = open("memory:device", profile, &self.clock, &self.hub, Tap::none()).await.unwrap();
         for message in messages {
             link.send_unchecked(message).await.unwrap();
@@ -138,19 +137,19 @@ fn every_dialect_recognises_its_own_model_and_no_other() {
         for model in MODELS {
             let rig = Rig::new(clock.clone(), model.key);
             macro_rules! identify {
-                ($role:ident, $driver:ident $(, $more:expr)*) => {{
+                ($role:ident) => {{
                     let dialect = dialect!($role, model.key);
-                    $driver::new(rig.link(dialect.profile()).await, dialect $(, $more)*).identify().await.unwrap()
+                    Instrument::new(rig.link(dialect.profile()).await, dialect).identify().await.unwrap()
                 }};
             }
             let identity = match model.role {
-                "supply4q" => identify!(supply4q, Supply4q),
-                "generator" => identify!(generator, Generator, 1),
-                "scope" => identify!(scope, Scope),
-                "load" => identify!(load, Load),
-                "supply" => identify!(supply, Supply),
-                "chiller" => identify!(chiller, Chiller),
-                "logger" => identify!(logger, Logger, vec![101]),
+                "supply4q" => identify!(supply4q),
+                "generator" => identify!(generator),
+                "scope" => identify!(scope),
+                "load" => identify!(load),
+                "supply" => identify!(supply),
+                "chiller" => identify!(chiller),
+                "logger" => identify!(logger),
                 _ => Jig::new(rig.link(Jig::profile()).await).identify().await.unwrap(),
             };
             let expected: &[&str] = if model.role == "jig" { &[] } else { &[model.key] };
@@ -176,7 +175,7 @@ fn models_of_the_same_makers_that_differ_are_not_recognised() {
 }
 
 fn bad_then_on() -> [Exchange; 3] {
-    [Exchange::send("NONSENSE 1"), Exchange::send("CURR 99"), Exchange::word("OUTP ON", "OUTP?", &["1"])]
+    [Exchange::send("NONSENSE 1"), Exchange::send("CURR 99"), Exchange::switch("OUTP", true)]
 }
 
 #[test]

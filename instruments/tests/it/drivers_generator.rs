@@ -2,6 +2,7 @@
 
 use instruments::{
     generator::{self, Generator, Sine},
+    instrument::Instrument,
     mock::{
         MockOptions,
         plant::{Action, GeneratorState},
@@ -21,7 +22,7 @@ const MODEL: &str = "siglent-sdg1000x";
 
 async fn driver(rig: &Rig) -> Generator {
     let dialect = dialect!(generator, MODEL);
-    Generator::new(rig.link(dialect.profile()).await, dialect, 1)
+    Instrument::new(rig.link(dialect.profile()).await, dialect)
 }
 
 fn sine(freq_hz: f64, amplitude_v: f64, offset_v: f64) -> Sine {
@@ -48,19 +49,19 @@ fn a_sine_comes_as_asked_and_goes_when_told() {
         let rig = Rig::new(clock, MODEL);
         let mut generator = driver(&rig).await;
         generator.output(false).await.unwrap();
-        generator.steady(Volts(-0.28)).await.unwrap();
+        generator.quiet(Volts(-0.28)).await.unwrap();
         assert!(states(&rig).iter().all(|state| *state == GeneratorState::default()), "nothing comes before the output is on");
         generator.output(true).await.unwrap();
-        assert_eq!(last(&rig), GeneratorState { offset_v: -0.28, ..GeneratorState::default() });
+        // The least sine of the instrument, 2 mV peak to peak.
+        assert_eq!((last(&rig).offset_v, last(&rig).amplitude_v), (-0.28, 0.001));
         generator.sine(&sine(0.3, 0.5, -0.28)).await.unwrap();
         let state = last(&rig);
         assert_eq!((state.freq_hz, state.amplitude_v, state.offset_v, state.phase_rad), (0.3, 0.5, -0.28, 0.0));
-        generator.steady(Volts(0.01)).await.unwrap();
-        assert_eq!((last(&rig).offset_v, last(&rig).amplitude_v), (0.01, 0.0));
+        generator.quiet(Volts(0.01)).await.unwrap();
+        assert_eq!((last(&rig).offset_v, last(&rig).amplitude_v), (0.01, 0.001));
         generator.safe().await.unwrap();
         generator.safe().await.unwrap();
         assert_eq!(last(&rig), GeneratorState::default());
-        assert_eq!(rig.sent().last().unwrap(), "C1:OUTP?", "off is read back, and nothing follows it");
     });
 }
 
@@ -70,13 +71,14 @@ fn what_an_earlier_user_left_neither_doubles_nor_turns_the_volts() {
         for earlier in
             [&["C1:OUTP LOAD,50"][..], &["C1:OUTP PLRT,INVT"], &["C1:OUTP LOAD,75", "C1:OUTP PLRT,INVT", "C1:OUTP ON", "C1:OUTP OFF"]]
         {
-            for starts_with_off in [true, false] {
+            for quiet_first in [true, false] {
                 let rig = Rig::new(clock.clone(), MODEL);
                 rig.earlier_user(Terminator::Lf, earlier).await;
                 rig.plant.lock().unwrap().actions.clear();
                 let mut generator = driver(&rig).await;
-                if starts_with_off {
-                    generator.output(false).await.unwrap();
+                generator.output(false).await.unwrap();
+                if quiet_first {
+                    generator.quiet(Volts(0.2)).await.unwrap();
                 }
                 generator.sine(&sine(10.0, 0.5, 0.2)).await.unwrap();
                 generator.output(true).await.unwrap();
@@ -89,30 +91,26 @@ fn what_an_earlier_user_left_neither_doubles_nor_turns_the_volts() {
 }
 
 #[test]
-fn burst_sweep_and_modulation_are_switched_off_before_the_first_setting() {
+fn the_output_is_not_switched_on_with_a_load_that_makes_other_volts() {
     in_virtual_time(async |clock| {
         let rig = Rig::new(clock, MODEL);
-        driver(&rig).await.steady(Volts(0.0)).await.unwrap();
-        let sent = rig.sent();
-        let setting = sent.iter().position(|message| message.starts_with("C1:BSWV ")).unwrap();
-        for command in ["C1:OUTP LOAD,HZ", "C1:OUTP PLRT,NOR", "C1:BTWV STATE,OFF", "C1:SWWV STATE,OFF", "C1:MDWV STATE,OFF"] {
-            assert!(sent[..setting].iter().any(|message| message == command), "{command} in {sent:?}");
-        }
+        rig.earlier_user(Terminator::Lf, &["C1:OUTP LOAD,50"]).await;
+        let mut generator = driver(&rig).await;
+        generator.sine(&sine(10.0, 0.5, 0.2)).await.unwrap();
+        let text = "dev: after `C1:OUTP PLRT,NOR`, `C1:OUTP?` answered `C1:OUTP OFF,LOAD,50,PLRT,NOR`: expected `LOAD,HZ` in the answer";
+        assert_eq!(generator.output(true).await.unwrap_err().to_string(), text);
+        assert!(states(&rig).iter().all(|state| *state == GeneratorState::default()));
     });
 }
 
 #[test]
-fn after_a_reconnect_the_load_is_set_again() {
+fn burst_sweep_and_modulation_are_off_before_the_output_is_on() {
     in_virtual_time(async |clock| {
         let rig = Rig::new(clock, MODEL);
-        let mut generator = driver(&rig).await;
-        let command = |rig: &Rig| rig.sent().iter().filter(|message| *message == "C1:OUTP LOAD,HZ").count();
-        generator.sine(&sine(10.0, 0.5, 0.0)).await.unwrap();
-        generator.sine(&sine(20.0, 0.5, 0.0)).await.unwrap();
-        assert_eq!(command(&rig), 1);
-        generator.link_mut().reconnect().await.unwrap();
-        generator.sine(&sine(30.0, 0.5, 0.0)).await.unwrap();
-        assert_eq!(command(&rig), 2);
+        driver(&rig).await.quiet(Volts(0.0)).await.unwrap();
+        for command in ["C1:OUTP PLRT,NOR", "C1:BTWV STATE,OFF", "C1:SWWV STATE,OFF", "C1:MDWV STATE,OFF"] {
+            assert!(rig.sent().iter().any(|message| message == command), "{command} in {:?}", rig.sent());
+        }
     });
 }
 
@@ -143,7 +141,6 @@ fn what_was_clamped_silently_is_said_aloud() {
             (sine(10.0, 0.5e-3, 0.0), "expected AMP within 2.5e-4 of 0.001, found 0.002V"),
             (sine(10.0, 4.0, 8.0), "expected AMP within 8.3e-3 of 8, found 4V"),
             (sine(4.0e7, 0.1, 0.0), "expected FRQ within 4.0e1 of 40000000, found 30000000HZ"),
-            (sine(10.0, 0.1, f64::NAN), "expected OFST within 1.0e-3 of NaN, found 0V"),
         ] {
             let error = generator.sine(&asked).await.unwrap_err().to_string();
             assert!(
@@ -152,12 +149,14 @@ fn what_was_clamped_silently_is_said_aloud() {
             );
             assert!(tail(&error) == expected, "{error}: {expected}");
         }
-        let error = generator.steady(Volts(11.0)).await.unwrap_err().to_string();
-        assert!(
-            error.starts_with("dev: after `C1:BSWV WVTP,DC,OFST,11.0000`")
-                && error.ends_with("expected OFST within 1.0e-3 of 11, found 10V"),
-            "{error}"
-        );
+        let error = generator.quiet(Volts(11.0)).await.unwrap_err().to_string();
+        assert!(error.contains("AMP,0.0020,OFST,11.0000") && error.ends_with("expected OFST within 1.0e-3 of 11, found 9.999V"), "{error}");
+        let sent = rig.sent().len();
+        for none in [sine(10.0, 0.1, f64::NAN), sine(10.0, f64::INFINITY, 0.0), sine(f64::NAN, 0.1, 0.0)] {
+            let error = generator.sine(&none).await.unwrap_err().to_string();
+            assert!(error.contains("expected a finite number, found") && error.ends_with("nothing was sent"), "{error}");
+        }
+        assert_eq!(rig.sent().len(), sent);
     });
 }
 
@@ -194,12 +193,15 @@ fn an_amplitude_that_the_old_offset_clamped_is_set_once_more_and_no_more() {
     for (clamped_times, succeeds) in [(0, true), (1, true), (2, false)] {
         in_virtual_time(async |clock| {
             let hub = MemoryHub::new();
-            let mut asked = 0;
+            let mut settings = 0;
             let script = move |message: &str| match message {
                 "C1:BSWV?" => {
-                    asked += 1;
-                    let amplitude = if asked > clamped_times { "8V" } else { "4V" };
+                    let amplitude = if settings > clamped_times { "8V" } else { "4V" };
                     now(format!("C1:BSWV WVTP,SINE,FRQ,10HZ,PERI,0.1S,AMP,{amplitude},OFST,0V,PHSE,0\n"))
+                }
+                setting if setting.starts_with("C1:BSWV WVTP") => {
+                    settings += 1;
+                    Reply::Silence
                 }
                 "C1:OUTP?" => now("C1:OUTP OFF,LOAD,HZ,PLRT,NOR\n"),
                 query if query.ends_with('?') => now("C1:BTWV STATE,OFF\n"),
@@ -208,7 +210,7 @@ fn an_amplitude_that_the_old_offset_clamped_is_set_once_more_and_no_more() {
             let heard = serve_memory(&hub, &clock, script);
             let dialect = dialect!(generator, MODEL);
             let link = open("memory:device", dialect.profile(), &clock, &hub, Tap::none()).await.unwrap();
-            let outcome = Generator::new(link, dialect, 1).sine(&sine(10.0, 4.0, 0.0)).await;
+            let outcome = Instrument::new(link, dialect).sine(&sine(10.0, 4.0, 0.0)).await;
             assert_eq!(outcome.is_ok(), succeeds, "{outcome:?}");
             let settings = heard.lock().unwrap().iter().filter(|(_, message)| message.starts_with("C1:BSWV WVTP")).count();
             assert_eq!(settings, usize::min(clamped_times + 1, 2));
@@ -223,13 +225,11 @@ fn another_wave_or_a_switched_load_is_not_believed() {
         let rig = Rig::with(clock.clone(), MODEL, &MockOptions::default(), &[("C1:BSWV?", square)]);
         let mut generator = driver(&rig).await;
         let error = generator.sine(&sine(10.0, 0.5, 0.0)).await.unwrap_err().to_string();
-        assert!(error.ends_with("expected `WVTP,SINE` in the answer"), "{error}");
-        let error = generator.steady(Volts(0.0)).await.unwrap_err().to_string();
-        assert!(error.ends_with("expected `WVTP,DC` in the answer"), "{error}");
+        assert!(error.ends_with("expected WVTP,SINE"), "{error}");
         let rig = Rig::with(clock, MODEL, &MockOptions::default(), &[("C1:OUTP?", b"C1:OUTP ON,LOAD,50,PLRT,NOR\n")]);
         let mut generator = driver(&rig).await;
         let error = generator.output(true).await.unwrap_err().to_string();
-        let text = "dev: after `C1:OUTP LOAD,HZ`, `C1:OUTP?` answered `C1:OUTP ON,LOAD,50,PLRT,NOR`: expected `LOAD,HZ` in the answer";
+        let text = "dev: after `C1:OUTP PLRT,NOR`, `C1:OUTP?` answered `C1:OUTP ON,LOAD,50,PLRT,NOR`: expected `LOAD,HZ` in the answer";
         assert_eq!(error, text);
         let error = generator.safe().await.unwrap_err().to_string();
         assert!(error.starts_with("dev: after `C1:OUTP OFF`") && error.ends_with("expected `OUTP OFF` in the answer"), "{error}");

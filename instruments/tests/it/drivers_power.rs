@@ -1,6 +1,7 @@
 //! The drivers of the load and of the DC supply.
 
 use instruments::{
+    instrument::Instrument,
     load::{self, Discharge, Load},
     mock::{
         MockOptions,
@@ -20,12 +21,12 @@ const CHARGE: Charge = Charge { voltage: Volts(4.2), current: Amps(1.25) };
 
 async fn load(rig: &Rig) -> Load {
     let dialect = dialect!(load, LOAD);
-    Load::new(rig.link(dialect.profile()).await, dialect)
+    Instrument::new(rig.link(dialect.profile()).await, dialect)
 }
 
 async fn supply(rig: &Rig) -> Supply {
     let dialect = dialect!(supply, SUPPLY);
-    Supply::new(rig.link(dialect.profile()).await, dialect)
+    Instrument::new(rig.link(dialect.profile()).await, dialect)
 }
 
 fn loads(rig: &Rig) -> Vec<LoadState> {
@@ -87,7 +88,7 @@ fn what_the_load_does_not_take_over_is_named() {
             (":INP?", &b"1\n"[..], "dev: after `:INP OFF`, `:INP?` answered `1`: expected one of 0, OFF"),
             (":FUNC?", b"VOLTAGE\n", "dev: after `:FUNC CURRent`, `:FUNC?` answered `VOLTAGE`: expected one of CURRENT"),
             (":CURR:IRANG?", b"30\n", "dev: after `:CURR:IRANG 5`, `:CURR:IRANG?` answered `30`: expected a number within 1.0e-1 of 5"),
-            (":VOLT:LATC?", b"1\n", "dev: after `:VOLT:LATC OFF`, `:VOLT:LATC?` answered `1`: expected one of 0, OFF"),
+            (":VOLT:LATC?", b"1\n", "dev: after `:VOLT:LATC OFF`, `:VOLT:LATC?` answered `1`: expected 0 or OFF"),
             (
                 ":VOLT:LEV:ON?",
                 b"0.000000\n",

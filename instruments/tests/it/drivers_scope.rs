@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use instruments::{
     clock::{Clock, TimeMode},
+    instrument::Instrument,
     mock::{self, MockOptions},
     scope::{self, Intent, Scope, Trigger, Vertical, Waveform},
     scpi::decode::Terminator,
@@ -27,7 +28,7 @@ const COUNTS_PER_DIV: f64 = 480.0;
 
 async fn driver(rig: &Rig) -> Scope {
     let dialect = dialect!(scope, MODEL);
-    Scope::new(rig.link(dialect.profile()).await, dialect)
+    Instrument::new(rig.link(dialect.profile()).await, dialect)
 }
 
 fn pages_of(page_points: usize) -> MockOptions {
@@ -175,7 +176,7 @@ fn an_offset_that_was_clamped_is_an_error_that_says_so() {
         let rig = Rig::new(clock, MODEL);
         let mut scope = driver(&rig).await;
         let fine = Vertical { channel: 4, per_div: Volts(0.004), offset: Volts(-3.8) };
-        let text = "dev: after `:CHANnel4:OFFSet -3.80000E0`, `:CHANnel4:OFFSet?` answered `-1.6000000000000E+00`: expected a number within 1.8e-4 of -3.8";
+        let text = "dev: after `:CHANnel4:OFFSet -3.80000E0`, `:CHANnel4:OFFSet?` answered `-1.6000000000000E+00`: expected a number within 1.0e-3 of -3.8";
         assert_eq!(scope.set(&Intent::Vertical(fine)).await.unwrap_err().to_string(), text);
         let per_div = scope.capabilities().scale_for_offset(fine.per_div, fine.offset);
         scope.set(&Intent::Vertical(Vertical { per_div, ..fine })).await.unwrap();
@@ -302,7 +303,7 @@ fn over_a_socket_the_volts_are_the_same() {
         let (address, _task) = mock::serve_tcp(device, "127.0.0.1:0", clock.clone()).await.unwrap();
         let dialect = dialect!(scope, MODEL);
         let link = open(&format!("tcp://{address}"), dialect.profile(), &clock, &MemoryHub::new(), Tap::none()).await.unwrap();
-        let mut scope = Scope::new(link, dialect);
+        let mut scope = Instrument::new(link, dialect);
         arm(&mut scope).await;
         clock.sleep_s(0.7).await;
         scope.stop().await.unwrap();

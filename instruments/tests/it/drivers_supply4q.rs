@@ -2,6 +2,7 @@
 
 use instruments::{
     clock::Clock,
+    instrument::Instrument,
     mock::{
         MockOptions,
         plant::{Action, BipolarState},
@@ -21,7 +22,7 @@ const UNRULY: [&str; 6] = ["CURR 2", "VOLT 12", "VOLT:LIM 40", "CURR:MODE EXT", 
 
 async fn driver(rig: &Rig, model: &str) -> Supply4q {
     let dialect = dialect!(supply4q, model);
-    Supply4q::new(rig.link(dialect.profile()).await, dialect)
+    Instrument::new(rig.link(dialect.profile()).await, dialect)
 }
 
 fn states(rig: &Rig) -> Vec<BipolarState> {
@@ -88,9 +89,9 @@ fn the_words_to_the_switching_family_are_those_of_its_manual_in_this_order() {
         let commands: Vec<String> = rig.sent().into_iter().filter(|message| !message.contains('?')).collect();
         let off = ["OUTP:MODE BATTERY", "OUTP OFF"];
         let prepare = ["FUNC:MODE CURR", "CURR:MODE FIX", "CURR 0.0000", "VOLT 4.3000", "VOLT:PROT:MODE FIX", "CURR:PROT:MODE FIX"];
-        let expected = [&off[..], &prepare, &["CURR:PROT 3.0000", "CURR:MODE EXT", "OUTP ON"], &off, &["CURR:MODE FIX"]].concat();
+        let expected = [&off[..], &prepare, &["CURR:LIM 3.0000", "CURR:MODE EXT", "OUTP ON"], &off, &["CURR:MODE FIX"]].concat();
         assert_eq!(commands, expected);
-        assert_eq!(rig.ask("CURR:PROT?").await, "3.0E0, -3.0E0");
+        assert_eq!(rig.ask("CURR:LIM?").await, "3.0E0, -3.0E0");
     });
 }
 
@@ -191,7 +192,7 @@ fn limits_that_the_instrument_cannot_hold_are_refused_by_name() {
     in_virtual_time(async |clock| {
         for (model, earlier, limits, text) in [
             (SWITCHING, "*CLS", Limits { compliance: Volts(60.0), ..LIMITS }, "dev: `VOLT 60.0000` was refused: -222, Data out of range"),
-            (SWITCHING, "*CLS", Limits { current: Amps(25.0), ..LIMITS }, "dev: `CURR:PROT 25.0000` was refused: -222, Data out of range"),
+            (SWITCHING, "*CLS", Limits { current: Amps(25.0), ..LIMITS }, "dev: `CURR:LIM 25.0000` was refused: -222, Data out of range"),
             (LINEAR, "*CLS", Limits { compliance: Volts(24.0), ..LIMITS }, "dev: `VOLT 24.0000` was refused: -222, Data out of range"),
             // A limit that somebody stored, and a remote pin that holds the output.
             (SWITCHING, "VOLT:LIM 4", LIMITS, "dev: `VOLT 4.3000` was refused: -222, Data out of range"),
@@ -209,9 +210,9 @@ fn limits_that_the_instrument_cannot_hold_are_refused_by_name() {
 #[test]
 fn a_limit_that_came_out_on_one_side_only_is_not_believed() {
     in_virtual_time(async |clock| {
-        let rig = Rig::with(clock, SWITCHING, &MockOptions::default(), &[("CURR:PROT?", b"3.0E0, -2.0E1\n")]);
+        let rig = Rig::with(clock, SWITCHING, &MockOptions::default(), &[("CURR:LIM?", b"3.0E0, -2.0E1\n")]);
         let refused = driver(&rig, SWITCHING).await.prepare(&LIMITS).await.unwrap_err();
-        let text = "dev: after `CURR:PROT 3.0000`, `CURR:PROT?` answered `3.0E0, -2.0E1`: expected magnitudes within 5.0e-3 of 3";
+        let text = "dev: after `CURR:LIM 3.0000`, `CURR:LIM?` answered `3.0E0, -2.0E1`: expected two numbers within 5.0e-3 of ±3";
         assert_eq!(refused.to_string(), text);
     });
 }

@@ -8,6 +8,7 @@ use std::{
 use instruments::{
     chiller::{self, Chiller},
     clock::TimeMode,
+    instrument::Instrument,
     link::LinkProfile,
     logger::{self, Logger},
     mock::{
@@ -31,12 +32,12 @@ const LOGGER: &str = "keysight-34970a";
 
 async fn chiller(rig: &Rig) -> Chiller {
     let dialect = dialect!(chiller, CHILLER);
-    Chiller::new(rig.link(dialect.profile()).await, dialect)
+    Instrument::new(rig.link(dialect.profile()).await, dialect)
 }
 
 async fn logger(rig: &Rig, channels: &[u16]) -> Logger {
     let dialect = dialect!(logger, LOGGER);
-    Logger::new(rig.link(dialect.profile()).await, dialect, channels.to_vec())
+    Instrument::new(rig.link(dialect.profile()).await, dialect).on_channels(channels.to_vec())
 }
 
 fn bath(rig: &Rig) -> ChillerState {
@@ -74,7 +75,7 @@ fn the_mock_does_lose_what_comes_too_soon() {
         let rig = Rig::with(clock, CHILLER, &MockOptions { strict_pacing: true, ..MockOptions::default() }, &[]);
         let dialect = dialect!(chiller, CHILLER);
         let hasty = LinkProfile { write_gap: Duration::ZERO, timeout: Duration::from_millis(500), ..dialect.profile() };
-        let mut chiller = Chiller::new(rig.link(hasty).await, dialect);
+        let mut chiller = Instrument::new(rig.link(hasty).await, dialect);
         let lost = chiller.start(Celsius(12.5)).await.unwrap_err().to_string();
         assert_eq!(lost, "dev: expected an answer to `IN_MODE_04` within 500ms, found none");
     });
@@ -156,7 +157,7 @@ fn an_alarm_keeps_the_chiller_from_starting_and_a_warning_does_not() {
         }
         let rig = Rig::with(clock, CHILLER, &MockOptions::default(), &[("IN_PV_00", b"---.--\r\n")]);
         let error = chiller(&rig).await.temperature().await.unwrap_err().to_string();
-        assert_eq!(error, "dev: `IN_PV_00` answered `---.--`: expected a temperature");
+        assert_eq!(error, "dev: `IN_PV_00` answered `---.--`: expected a number");
     });
 }
 
@@ -171,7 +172,7 @@ fn the_chiller_is_driven_over_a_pseudo_terminal() {
         let profile = LinkProfile { timeout: Duration::from_secs(20), ..dialect.profile() };
         let address = format!("serial:{path}?baud=4800&parity=even&data=7&flow=rtscts");
         let link = open(&address, profile, &clock, &MemoryHub::new(), Tap::none()).await.unwrap();
-        let mut chiller = Chiller::new(link, dialect);
+        let mut chiller = Instrument::new(link, dialect);
         assert!(dialect.recognises(&chiller.identify().await.unwrap()));
         chiller.start(Celsius(15.25)).await.unwrap();
         assert_eq!(chiller.temperature().await.unwrap(), Celsius(24.5));

@@ -4,7 +4,7 @@ use std::{cell::Cell, future::Future, time::Duration};
 
 use instruments::{
     clock::{Clock, TimeMode},
-    link::{Link, LinkError, LinkProfile},
+    link::{Grammar, Link, LinkError, LinkProfile},
     scpi::block::encode_definite,
     transcript::Tap,
     transport::MemoryHub,
@@ -289,7 +289,8 @@ fn an_instrument_that_takes_nothing_meets_a_deadline() {
     Clock::runtime(TimeMode::Virtual).unwrap().block_on(async {
         let (clock, hub) = (Clock::start(TimeMode::Virtual), MemoryHub::new());
         let mut listener = hub.listen("device").unwrap();
-        let mut link = open("memory:device", plain(), &clock, &hub, Tap::none()).await.unwrap();
+        let profile = LinkProfile { grammar: Grammar::Plain, ..plain() };
+        let mut link = open("memory:device", profile, &clock, &hub, Tap::none()).await.unwrap();
         let _nobody_reads = listener.accept().await.unwrap();
         let long = "X".repeat(40_000);
         link.send_unchecked(&long).await.unwrap();
@@ -361,6 +362,26 @@ fn an_exchange_may_run_on_any_task() {
                 link.query_block("B?").await.unwrap_err().to_string()
             }));
             assert!(task.await.unwrap().contains("expected a block"));
+        },
+    );
+}
+
+#[test]
+fn what_harms_and_what_is_no_message_never_reaches_the_wire() {
+    with_link(
+        plain(),
+        |_| Reply::Hangup(b"1\n".to_vec()),
+        async |mut link, text, _| {
+            for (error, expected) in [
+                (link.send_unchecked("OUTP OFF;*RST").await.unwrap_err(), "dev: `OUTP OFF;*RST` holds *RST, which is never sent"),
+                (link.query("DIAG:TST?").await.unwrap_err(), "dev: `DIAG:TST?` holds DIAGnostic:TST?, which is never sent"),
+                (link.send_unchecked("OUTP?").await.unwrap_err(), "expected a command, found a question"),
+                (link.query("OUTP ON").await.unwrap_err(), "expected a question, found a command"),
+            ] {
+                assert!(error.to_string().contains(expected), "{error}");
+                assert!(!error.drops_link() && error.to_string().contains("nothing was sent"), "{error}");
+            }
+            assert!(!text.lines().iter().any(|line| line.contains("> ")), "{}", text.text());
         },
     );
 }

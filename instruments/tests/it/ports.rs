@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use instruments::{
     clock::{Clock, TimeMode},
-    link::{LinkError, LinkProfile},
+    link::{Grammar, LinkError, LinkProfile},
     scpi::{block::encode_definite, decode::Terminator},
     transcript::Tap,
     transport::{MemoryHub, Pty},
@@ -41,7 +41,13 @@ fn patient() -> LinkProfile {
 }
 
 fn chiller_profile() -> LinkProfile {
-    LinkProfile { terminator: Terminator::Cr, quiet: Duration::from_millis(20), strip_flow_bytes: true, ..patient() }
+    LinkProfile {
+        grammar: Grammar::Plain,
+        terminator: Terminator::Cr,
+        quiet: Duration::from_millis(20),
+        strip_flow_bytes: true,
+        ..patient()
+    }
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! What is made of a finished run: fits, model files, plots, the report, and a summary for the terminal.
 
+mod report;
+
 use analysis::{
     dataset,
     fit::{ErmFit, FitOptions, ModelFile, PackModel, fit_erm},
@@ -29,6 +31,7 @@ pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: 
         dataset::write_spectrum_parquet(&recorder.path(&format!("raw_{name}.parquet")), &raw).map_err(crate::record::RecordError::from)?;
     }
     range_warnings(recorder, measured);
+    report::write(recorder, experiment, measured, &fits)?;
     Ok(summary(recorder, experiment, measured, &fits))
 }
 

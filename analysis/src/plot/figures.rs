@@ -1,0 +1,143 @@
+//! The thesis' figures 3.8 and 3.10–3.14 redrawn from data.
+
+use super::{ImpedancePlot, PlotError, Series, SeriesStyle, nyquist};
+use crate::fit::ErmFit;
+use crate::spectrum::Spectrum;
+use std::path::{Path, PathBuf};
+
+/// What the figures are drawn from.
+#[derive(Debug, Clone, Copy)]
+pub struct FigureInput<'a> {
+    /// Sweeps of cells, named `cell0_3` (cell 0, repeat 3).
+    pub sweeps: &'a [Spectrum],
+    /// Sweeps of control impedances; with none there is no figure 3.10.
+    pub controls: &'a [Spectrum],
+    /// Fits of the pooled sweeps; those with 1…4 RC branches become figures 3.11–3.14.
+    pub fits: &'a [ErmFit],
+}
+
+/// Writes each figure as SVG and PNG to a folder that exists; the files, in the order of the figures.
+///
+/// # Errors
+/// [`PlotError`] when there is nothing to show or a file cannot be written.
+pub fn write_thesis_figures(input: &FigureInput<'_>, folder: &Path) -> Result<Vec<PathBuf>, PlotError> {
+    let mut figures = vec![("nyquist-sweeps".to_owned(), sweeps_figure(input.sweeps))];
+    if !input.controls.is_empty() {
+        figures.push(("nyquist-controls".to_owned(), controls_figure(input.controls)));
+    }
+    for fit in input.fits {
+        let rc = fit.erm.branches.len();
+        if (1..=4).contains(&rc) {
+            figures.push((format!("nyquist-fit-{rc}rc"), fit_figure(input.sweeps, fit)));
+        }
+    }
+    let mut written = Vec::new();
+    for (name, plot) in figures {
+        for extension in ["svg", "png"] {
+            let path = folder.join(format!("{name}.{extension}"));
+            nyquist(&plot, &path)?;
+            written.push(path);
+        }
+    }
+    Ok(written)
+}
+
+/// All sweeps, one colour per cell (figure 3.8).
+pub fn sweeps_figure(sweeps: &[Spectrum]) -> ImpedancePlot {
+    let cells = cells(sweeps);
+    let mut seen = Vec::new();
+    let series = sweeps.iter().map(|s| {
+        let cell = cell_of(&s.name);
+        let colour = cells.iter().position(|c| *c == cell).unwrap_or(0);
+        let first = !seen.contains(&colour);
+        seen.push(colour);
+        let label = first.then(|| cell.replacen("cell", "cell ", 1));
+        Series::data(s, colour).styled(SeriesStyle::Cloud).labelled(label.as_deref())
+    });
+    let title = format!("Measured impedance, {}", count(sweeps, &cells));
+    ImpedancePlot::new(&title, &band_text(sweeps), series.collect())
+}
+
+fn controls_figure(controls: &[Spectrum]) -> ImpedancePlot {
+    let series = controls.iter().enumerate().map(|(i, s)| {
+        let mean = s.points.iter().map(|p| p.z_ohm.norm()).sum::<f64>() / s.points.len().max(1) as f64;
+        let label = format!("{}, mean |Z| {:.2} mΩ", s.name, mean * 1e3);
+        Series::data(s, i).styled(SeriesStyle::Cloud).labelled(Some(&label))
+    });
+    let plot = ImpedancePlot::new("Control impedances", &band_text(controls), series.collect());
+    ImpedancePlot { mark_decades: false, ..plot }
+}
+
+/// All sweeps in one colour and a model fitted to them (figures 3.11–3.14).
+pub fn fit_figure(sweeps: &[Spectrum], fit: &ErmFit) -> ImpedancePlot {
+    let rc = fit.erm.branches.len();
+    let cells = cells(sweeps);
+    let data = sweeps.iter().enumerate().map(|(i, s)| {
+        let label = (i == 0).then(|| format!("measured, {}", count(sweeps, &cells)));
+        Series::data(s, 0).styled(SeriesStyle::Cloud).labelled(label.as_deref())
+    });
+    let value = format!("{} = {:.4} {}", symbol(fit), scaled(fit), unit(fit));
+    let name = format!("fit with {rc} RC, {value}");
+    let curve = band(sweeps).map(|band| Series::model(&name, &fit.erm, band, 1));
+    let series = data.chain(curve).collect();
+    let title = format!("Extended Randles model with {rc} RC {}", if rc == 1 { "circuit" } else { "circuits" });
+    ImpedancePlot::new(&title, &band_text(sweeps), series)
+}
+
+fn symbol(fit: &ErmFit) -> &'static str {
+    use crate::fit::Objective;
+    match fit.objective_kind {
+        Objective::SumAbs => "Σ|ΔZ|",
+        Objective::Modulus => "Σ(Δ|Z|)²",
+        Objective::Complex => "χ²",
+    }
+}
+
+fn scaled(fit: &ErmFit) -> f64 {
+    use crate::fit::Objective;
+    if fit.objective_kind == Objective::Modulus { fit.objective * 1e6 } else { fit.objective }
+}
+
+fn unit(fit: &ErmFit) -> &'static str {
+    use crate::fit::Objective;
+    if fit.objective_kind == Objective::Modulus { "mΩ²" } else { fit.objective_kind.unit() }
+}
+
+/// The part of a name before the repeat: `cell0` of `cell0_3`.
+fn cell_of(name: &str) -> &str {
+    name.rsplit_once('_').map_or(name, |(cell, _)| cell)
+}
+
+/// Distinct cells in the order of their first sweep.
+fn cells(sweeps: &[Spectrum]) -> Vec<&str> {
+    let mut cells: Vec<&str> = Vec::new();
+    for s in sweeps {
+        if !cells.contains(&cell_of(&s.name)) {
+            cells.push(cell_of(&s.name));
+        }
+    }
+    cells
+}
+
+fn count(sweeps: &[Spectrum], cells: &[&str]) -> String {
+    let plural = |n: usize, word: &str| format!("{n} {word}{}", if n == 1 { "" } else { "s" });
+    format!("{} of {}", plural(sweeps.len(), "sweep"), plural(cells.len(), "cell"))
+}
+
+/// Lowest and highest frequency, Hz.
+fn band(spectra: &[Spectrum]) -> Option<(f64, f64)> {
+    let all = spectra.iter().flat_map(|s| &s.points).map(|p| p.freq_hz);
+    let (lo, hi) = all.fold((f64::INFINITY, 0.0f64), |(lo, hi), f| (lo.min(f), hi.max(f)));
+    (lo.is_finite() && lo > 0.0 && hi >= lo).then_some((lo, hi))
+}
+
+fn band_text(spectra: &[Spectrum]) -> String {
+    band(spectra).map_or_else(String::new, |(lo, hi)| format!("{} to {} Hz, axes equally scaled", brief(lo), brief(hi)))
+}
+
+/// Three significant digits without trailing zeros.
+fn brief(value: f64) -> String {
+    let decimals = (2 - value.log10().floor() as i32).clamp(0, 9) as usize;
+    let text = format!("{value:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}

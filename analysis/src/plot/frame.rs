@@ -1,0 +1,110 @@
+//! A frame with two axes, and the strip of title and legend above it.
+
+use super::axis::Axis;
+use super::marks::{GREY, INK, PALE, sample};
+use super::scene::{HPos, Label, Place, Shape, VPos, text_width};
+use super::{ImpedancePlot, PlotError};
+
+pub(super) const TEXT: f64 = 15.0;
+const TITLE: f64 = 21.0;
+const LINE: f64 = 24.0;
+/// Room for tick labels and the axis' name left of a frame and below it.
+pub(super) const LEFT: f64 = 78.0;
+pub(super) const BOTTOM: f64 = 58.0;
+/// Margin right of a frame.
+pub(super) const RIGHT: f64 = 26.0;
+
+/// A rectangle with axes.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Frame {
+    pub(super) left: f64,
+    pub(super) top: f64,
+    pub(super) width: f64,
+    pub(super) height: f64,
+    pub(super) x: Axis,
+    pub(super) y: Axis,
+}
+
+impl Frame {
+    /// Where a point of axis coordinates lies.
+    pub(super) fn place(&self, x: f64, y: f64) -> Place {
+        (self.left + self.width * self.x.fraction(x), self.top + self.height * (1.0 - self.y.fraction(y)))
+    }
+
+    /// Grid, ticks, border and the names of the axes; the x axis bears words only where it has a name.
+    pub(super) fn shapes(&self, x_name: &str, y_name: &str) -> Vec<Shape> {
+        let (right, bottom) = (self.left + self.width, self.top + self.height);
+        let vertical = |x: f64, colour, width| {
+            let at = self.place(x, self.y.lo).0;
+            Shape::Line { points: vec![(at, self.top), (at, bottom)], colour, width }
+        };
+        let horizontal = |y: f64, colour, width| {
+            let at = self.place(self.x.lo, y).1;
+            Shape::Line { points: vec![(self.left, at), (right, at)], colour, width }
+        };
+        let mut shapes: Vec<Shape> = self.x.minor.iter().map(|x| vertical(*x, PALE.faded(0.5), 0.75)).collect();
+        shapes.extend(self.x.ticks.iter().map(|(x, _)| vertical(*x, PALE, 1.0)));
+        shapes.extend(self.y.ticks.iter().map(|(y, _)| horizontal(*y, PALE, 1.0)));
+        if self.y.lo < 0.0 && self.y.hi > 0.0 {
+            shapes.push(horizontal(0.0, GREY.faded(0.7), 1.0));
+        }
+        let corners = vec![(self.left, self.top), (right, self.top), (right, bottom), (self.left, bottom), (self.left, self.top)];
+        shapes.push(Shape::Line { points: corners, colour: GREY, width: 1.0 });
+        let word = |text: &str, at, anchor| words(text, at, TEXT - 1.0, anchor);
+        for (y, label) in &self.y.ticks {
+            shapes.push(word(label, (self.left - 9.0, self.place(self.x.lo, *y).1), (HPos::Right, VPos::Center)));
+        }
+        let middle = (self.left + self.width / 2.0, self.top + self.height / 2.0);
+        let upright = Label { upright: true, ..label(y_name, (self.left - LEFT + 14.0, middle.1), TEXT, (HPos::Center, VPos::Center)) };
+        shapes.push(Shape::Label(upright));
+        if !x_name.is_empty() {
+            for (x, label) in &self.x.ticks {
+                shapes.push(word(label, (self.place(*x, self.y.lo).0, bottom + 8.0), (HPos::Center, VPos::Top)));
+            }
+            shapes.push(words(x_name, (middle.0, bottom + 33.0), TEXT, (HPos::Center, VPos::Top)));
+        }
+        shapes
+    }
+}
+
+/// Title, subtitle and legend from the upper edge down, and the height they take.
+pub(super) fn heading(plot: &ImpedancePlot, width: f64) -> Result<(Vec<Shape>, f64), PlotError> {
+    let mut shapes = Vec::new();
+    let mut y = 16.0;
+    let anchor = || (HPos::Left, VPos::Top);
+    if !plot.title.is_empty() {
+        shapes.push(Shape::Label(Label { bold: true, ..label(&plot.title, (LEFT, y), TITLE, anchor()) }));
+        y += TITLE + 8.0;
+    }
+    if !plot.subtitle.is_empty() {
+        shapes.push(Shape::Label(Label { colour: GREY, ..label(&plot.subtitle, (LEFT, y), TEXT, anchor()) }));
+        y += TEXT + 10.0;
+    }
+    let mut x = LEFT;
+    let mut used = false;
+    for series in &plot.series {
+        let Some(text) = series.label.as_deref() else { continue };
+        let entry = 40.0 + text_width(text, TEXT)?;
+        if used && x + entry > width - RIGHT {
+            x = LEFT;
+            y += LINE;
+        }
+        shapes.extend(sample(series, (x + 14.0, y + LINE / 2.0)));
+        shapes.push(words(text, (x + 34.0, y + LINE / 2.0), TEXT, (HPos::Left, VPos::Center)));
+        x += entry + 24.0;
+        used = true;
+    }
+    if used {
+        y += LINE + 4.0;
+    }
+    Ok((shapes, y + 6.0))
+}
+
+/// Dark text at a place.
+pub(super) fn words(text: &str, at: Place, size: f64, anchor: (HPos, VPos)) -> Shape {
+    Shape::Label(label(text, at, size, anchor))
+}
+
+fn label(text: &str, at: Place, size: f64, anchor: (HPos, VPos)) -> Label {
+    Label { text: text.to_owned(), at, size, colour: INK, bold: false, upright: false, anchor }
+}

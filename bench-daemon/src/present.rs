@@ -1,0 +1,93 @@
+//! Tables and sentences of models, shared by the reports of `run` and `fit`.
+
+use analysis::{
+    fit::{ErmFit, Objective},
+    report::{Level, Table, Verdict},
+};
+
+/// One row per order.
+pub fn models_table(fits: &[ErmFit]) -> Table {
+    let header = ["RC", "objective", "R / mΩ", "DC resistance / mΩ", "rms residual / µΩ", "reduced χ²"];
+    let row = |fit: &ErmFit| {
+        vec![
+            fit.erm.branches.len().to_string(),
+            objective(fit),
+            number(1.0e3 * fit.erm.r_ohm, fit.sigma.r_ohm.map(|sigma| 1.0e3 * sigma)),
+            number(1.0e3 * fit.erm.dc_resistance_ohm(), fit.sigma.dc_resistance_ohm.map(|sigma| 1.0e3 * sigma)),
+            format!("{:.2}", 1.0e6 * fit.rms_ohm),
+            fit.reduced_chi2.map_or_else(|| "–".to_owned(), |chi2| format!("{chi2:.2}")),
+        ]
+    };
+    Table {
+        caption: "Fitted extended Randles models (value ± one standard deviation)".to_owned(),
+        header: header.map(str::to_owned).to_vec(),
+        rows: fits.iter().map(row).collect(),
+    }
+}
+
+/// One row per branch of each order.
+pub fn branches_table(fits: &[ErmFit]) -> Table {
+    let header = ["RC", "branch", "R / mΩ", "C / F", "time constant / s"];
+    let rows = fits.iter().flat_map(|fit| {
+        fit.erm.branches.iter().enumerate().map(|(index, branch)| {
+            let sigma = fit.sigma.branches.get(index);
+            vec![
+                fit.erm.branches.len().to_string(),
+                (index + 1).to_string(),
+                number(1.0e3 * branch.r_ohm, sigma.and_then(|sigma| sigma.r_ohm).map(|sigma| 1.0e3 * sigma)),
+                number(branch.c_f, sigma.and_then(|sigma| sigma.c_f)),
+                number(branch.r_ohm * branch.c_f, sigma.and_then(|sigma| sigma.time_constant_s)),
+            ]
+        })
+    });
+    Table { caption: "Branches by rising time constant".to_owned(), header: header.map(str::to_owned).to_vec(), rows: rows.collect() }
+}
+
+/// The warnings of the fits as lines of a verdict.
+pub fn fit_warnings(fits: &[ErmFit]) -> Vec<Verdict> {
+    fits.iter()
+        .flat_map(|fit| {
+            fit.warnings.iter().map(|warning| Verdict { level: Level::Note, text: format!("{} RC: {warning}", fit.erm.branches.len()) })
+        })
+        .collect()
+}
+
+/// The objective's value with its unit.
+pub fn objective(fit: &ErmFit) -> String {
+    match fit.objective_kind {
+        Objective::Complex => significant(fit.objective, 5),
+        kind => format!("{:.6} {}", fit.objective, kind.unit()),
+    }
+}
+
+/// A value and, where it is known, its standard deviation.
+fn number(value: f64, sigma: Option<f64>) -> String {
+    sigma.map_or_else(|| significant(value, 5), |sigma| format!("{} ± {}", significant(value, 5), significant(sigma, 2)))
+}
+
+/// A number with so many significant digits, without exponent while it is readable so.
+pub fn significant(value: f64, digits: i32) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value}");
+    }
+    let magnitude = value.abs().log10().floor() as i32;
+    if (-4..=6).contains(&magnitude) {
+        format!("{value:.*}", usize::try_from(digits - 1 - magnitude).unwrap_or(0))
+    } else {
+        format!("{value:.*e}", usize::try_from(digits - 1).unwrap_or(0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::significant;
+
+    #[test]
+    fn numbers_keep_their_significant_digits() {
+        for (value, digits, text) in
+            [(1084.243, 5, "1084.2"), (0.000_834_33, 4, "0.0008343"), (6.43, 3, "6.43"), (123_456.0, 2, "123456"), (1.5e-9, 3, "1.50e-9")]
+        {
+            assert_eq!(significant(value, digits), text);
+        }
+    }
+}

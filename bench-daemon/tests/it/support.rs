@@ -1,0 +1,348 @@
+//! What several tests need: altered copies of the demo's files, the program as a process, and simulated instruments on real ports whose world the
+//! test can look into.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader, Read, Write},
+    net::TcpStream,
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    sync::{Arc, Mutex, mpsc},
+    thread::JoinHandle,
+    time::Duration,
+};
+
+use analysis::spectrum::ImpedancePoint;
+use bench_daemon::{
+    config::{Experiment, load_bench, load_experiment},
+    sim::Simulation,
+};
+use fixtures::SimulatedBench;
+use instruments::{
+    clock::{Clock, TimeMode},
+    mock::plant::Fixture,
+    transcript::{Direction, Payload, Transcript},
+};
+use tempfile::TempDir;
+
+pub(crate) const EXPERIMENT: &str = "experiments/demo.toml";
+pub(crate) const BENCH: &str = "benches/demo.toml";
+pub(crate) const CELL: &str = "cells/p45b.toml";
+pub(crate) const SCENARIO: &str = "scenarios/p45b.toml";
+
+/// The demo's files as they are in the tree.
+pub(crate) fn demo() -> PathBuf {
+    crate::configuration::configs().join(EXPERIMENT)
+}
+
+/// A copy of the demo's files, to be altered.
+pub(crate) struct Files {
+    folder: TempDir,
+}
+
+impl Files {
+    pub(crate) fn demo() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        for name in [EXPERIMENT, BENCH, CELL, SCENARIO] {
+            let path = folder.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::copy(crate::configuration::configs().join(name), path).unwrap();
+        }
+        Self { folder }
+    }
+
+    /// Fixture check, SOC reset and sweep with a few points from 100 Hz to 300 Hz, one fit.
+    pub(crate) fn brief(points: usize) -> Self {
+        Self::demo()
+            .without(EXPERIMENT, "temperature")
+            .edit(EXPERIMENT, "start = \"0.1 Hz\"", "start = \"100 Hz\"")
+            .edit(EXPERIMENT, "points = 20", &format!("points = {points}"))
+            .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
+    }
+
+    /// The same without the reset: the cell stays at the charge it has.
+    pub(crate) fn short(points: usize) -> Self {
+        Self::brief(points).without(EXPERIMENT, "soc_reset")
+    }
+
+    pub(crate) fn text(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap()
+    }
+
+    pub(crate) fn write(&self, name: &str, text: &str) {
+        fs::write(self.path(name), text).unwrap();
+    }
+
+    /// Replaces the first occurrence.
+    pub(crate) fn edit(self, name: &str, from: &str, to: &str) -> Self {
+        let text = self.text(name);
+        assert!(text.contains(from), "{name} does not contain {from:?}");
+        self.write(name, &text.replacen(from, to, 1));
+        self
+    }
+
+    pub(crate) fn append(self, name: &str, more: &str) -> Self {
+        self.write(name, &format!("{}\n{more}\n", self.text(name)));
+        self
+    }
+
+    /// Leaves out a section and what belongs to it.
+    pub(crate) fn without(self, name: &str, section: &str) -> Self {
+        let mut inside = false;
+        let mut kept = String::new();
+        let mut found = false;
+        for line in self.text(name).lines() {
+            if line.starts_with('[') {
+                inside = line == format!("[{section}]") || line.starts_with(&format!("[{section}."));
+                found |= inside;
+            }
+            if !inside {
+                kept.push_str(line);
+                kept.push('\n');
+            }
+        }
+        assert!(found, "{name} has no section [{section}]");
+        self.write(name, &kept);
+        self
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub(crate) fn experiment(&self) -> PathBuf {
+        self.path(EXPERIMENT)
+    }
+
+    /// Runs the experiment as another process into a folder beside the files.
+    pub(crate) fn run(&self, out: &str) -> Ended {
+        program(&["run".as_ref(), self.experiment().as_os_str(), "--out".as_ref(), self.path(out).as_os_str()])
+    }
+
+    pub(crate) fn load(&self) -> Experiment {
+        load_experiment(&self.experiment(), None).unwrap()
+    }
+}
+
+/// How the program ended.
+pub(crate) struct Ended {
+    pub(crate) code: Option<i32>,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
+}
+
+/// A command of the program, with nobody at the terminal.
+pub(crate) fn command(arguments: &[&std::ffi::OsStr]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_eis-bench"));
+    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+pub(crate) fn program(arguments: &[&std::ffi::OsStr]) -> Ended {
+    let output = command(arguments).output().unwrap();
+    Ended {
+        code: output.status.code(),
+        stdout: String::from_utf8(output.stdout).unwrap(),
+        stderr: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+impl Ended {
+    #[track_caller]
+    pub(crate) fn expect_code(&self, code: i32) -> &Self {
+        assert_eq!(self.code, Some(code), "standard output:\n{}\nstandard error:\n{}", self.stdout, self.stderr);
+        self
+    }
+
+    /// The message behind `eis-bench:`.
+    pub(crate) fn message(&self) -> &str {
+        self.stderr.lines().rev().find_map(|line| line.strip_prefix("eis-bench: ")).unwrap_or_default()
+    }
+}
+
+/// A process that does not outlive the test.
+pub(crate) struct Running(pub(crate) Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// The simulated instruments of a bench in another process.
+pub(crate) struct MockProcess {
+    _process: Running,
+    /// Its line of JSON.
+    pub(crate) line: serde_json::Value,
+}
+
+impl MockProcess {
+    /// Starts `eis-bench mock`, which writes a bench file with its addresses to `written`.
+    pub(crate) fn start(bench: &Path, written: &Path, (time, seed): (&str, u64)) -> Self {
+        let (bench, written, seed) = (bench.as_os_str(), written.as_os_str(), seed.to_string());
+        let mut command = command(&[
+            "mock".as_ref(),
+            bench,
+            "--time".as_ref(),
+            time.as_ref(),
+            "--json".as_ref(),
+            "--write-bench".as_ref(),
+            written,
+            "--seed".as_ref(),
+            seed.as_ref(),
+        ]);
+        let mut process = Running(command.stderr(Stdio::inherit()).spawn().unwrap());
+        let mut text = String::new();
+        BufReader::new(process.0.stdout.as_mut().unwrap()).read_line(&mut text).unwrap();
+        Self { _process: process, line: serde_json::from_str(&text).unwrap() }
+    }
+
+    pub(crate) fn address(&self, role: &str) -> String {
+        self.line["addresses"][role].as_str().unwrap().to_owned()
+    }
+}
+
+/// The simulated instruments of a bench on real ports, served by a thread of this process, so that a test sees what truly happens to the cell while
+/// the program under test knows only addresses.
+pub(crate) struct Ports {
+    pub(crate) world: Arc<Mutex<SimulatedBench>>,
+    addresses: Vec<(&'static str, String)>,
+    stop: Option<tokio::sync::oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Ports {
+    /// Serves the bench of `files` at a multiple of real time and writes the addresses into the bench file.
+    pub(crate) fn serve(files: &Files, factor: f64, seed: u64) -> Self {
+        let (bench, _) = load_bench(&files.path(BENCH)).unwrap();
+        let mode = TimeMode::Scaled(factor);
+        let simulation = Simulation::new(&files.path(SCENARIO), seed).unwrap();
+        let world = simulation.world().clone();
+        let (stop, stopped) = tokio::sync::oneshot::channel();
+        let (tell, told) = mpsc::channel();
+        let thread = std::thread::spawn(move || {
+            Clock::runtime(mode).unwrap().block_on(async {
+                let clock = Clock::start(mode);
+                let served = simulation.serve_on_ports(&bench, &clock).await.unwrap();
+                tell.send(served.into_iter().map(|mock| (mock.role, mock.address)).collect()).unwrap();
+                let _ = stopped.await;
+            });
+        });
+        let addresses: Vec<(&'static str, String)> = told.recv().unwrap();
+        let mut text = files.text(BENCH).replace("[simulation]", &format!("[simulation]\ntime = \"{mode}\""));
+        for (role, address) in &addresses {
+            text = text.replace(&format!("\"memory:{role}\""), &format!("{address:?}"));
+        }
+        files.write(BENCH, &text);
+        Self { world, addresses, stop: Some(stop), thread: Some(thread) }
+    }
+
+    /// Asks an instrument one question over a connection of its own; instruments take one client at a time, so that nobody else may be connected.
+    pub(crate) fn ask(&self, role: &str, question: &str) -> String {
+        let address = self.addresses.iter().find(|(name, _)| *name == role).unwrap().1.strip_prefix("tcp://").unwrap();
+        ask(address, question)
+    }
+
+    /// Every output that can move charge says that it is off.
+    #[track_caller]
+    pub(crate) fn assert_outputs_off(&self) {
+        assert_eq!(self.ask("supply4q", "OUTP?"), "0");
+        assert!(self.ask("generator", "C1:OUTP?").starts_with("C1:OUTP OFF,"));
+        assert_eq!(self.ask("load", ":INP?"), "0");
+        let status = self.ask("supply", "SYST:STAT?");
+        let bits = u32::from_str_radix(status.trim_start_matches("0x"), 16).unwrap();
+        assert_eq!(bits & 0x10, 0, "channel 1 of the supply is on: {status}");
+        assert_eq!(self.world.lock().unwrap().truth_current_a(), 0.0);
+    }
+}
+
+impl Drop for Ports {
+    fn drop(&mut self) {
+        if let Some(stop) = self.stop.take() {
+            let _ = stop.send(());
+        }
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// One question over a fresh connection.
+pub(crate) fn ask(address: &str, question: &str) -> String {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    stream.write_all(format!("{question}\n").as_bytes()).unwrap();
+    let mut answer = Vec::new();
+    let mut byte = [0_u8];
+    while byte[0] != b'\n' {
+        assert_eq!(stream.read(&mut byte).unwrap(), 1, "{address} closed the connection instead of answering {question}");
+        answer.push(byte[0]);
+    }
+    String::from_utf8(answer).unwrap().trim().to_owned()
+}
+
+/// Asks again and again, a minute at most, until there is an answer.
+pub(crate) fn poll<T>(what: &str, mut question: impl FnMut() -> Option<T>) -> T {
+    for _ in 0..3000 {
+        if let Some(answer) = question() {
+            return answer;
+        }
+        nap();
+    }
+    panic!("{what}: not within a minute");
+}
+
+#[expect(clippy::disallowed_methods, reason = "another process is waited for, which knows no bench time")]
+fn nap() {
+    std::thread::sleep(Duration::from_millis(20));
+}
+
+/// The impedance of the true cell at the present moment.
+pub(crate) fn truth(world: &Mutex<SimulatedBench>, points: &[ImpedancePoint]) -> Vec<num_complex::Complex64> {
+    let world = world.lock().unwrap();
+    points.iter().map(|point| world.truth_impedance(Fixture::Cell, point.freq_hz)).collect()
+}
+
+/// The transcript of one instrument of a run.
+pub(crate) fn transcript(run: &Path, role: &str) -> Transcript {
+    let path = run.join("transcripts").join(format!("{role}.txt"));
+    let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    Transcript::parse(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// What was sent to one instrument of a run.
+pub(crate) fn sent(run: &Path, role: &str) -> Vec<String> {
+    transcript(run, role)
+        .records
+        .into_iter()
+        .filter(|record| record.direction == Direction::Sent)
+        .map(|record| match record.payload {
+            Payload::Text(text) => text,
+            Payload::Block(block) => block.prefix,
+        })
+        .collect()
+}
+
+/// The JSON of a run's file.
+pub(crate) fn json(path: &Path) -> serde_json::Value {
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// Every file below a folder, relative to it, sorted.
+pub(crate) fn files_below(folder: &Path) -> Vec<PathBuf> {
+    fn walk(folder: &Path, root: &Path, found: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                walk(&path, root, found);
+            } else {
+                found.push(path.strip_prefix(root).unwrap().to_owned());
+            }
+        }
+    }
+    let mut found = Vec::new();
+    walk(folder, folder, &mut found);
+    found.sort();
+    found
+}

@@ -1,0 +1,83 @@
+//! What every role has in common: a link, the dialect of the model on it, and the question who it is.
+
+use std::time::Duration;
+
+use crate::{
+    exchange::{Identity, leading_number},
+    link::{Link, LinkError, LinkProfile},
+    units::{Amps, Volts},
+};
+
+/// A model of instrument, whatever its role.
+pub trait Model: Send + Sync {
+    /// The name in a bench file.
+    fn key(&self) -> &'static str;
+
+    /// Pace and deadlines of its link.
+    fn profile(&self) -> LinkProfile;
+
+    /// Whether an identity answer is this model's.
+    fn recognises(&self, identity: &Identity) -> bool;
+
+    /// The question for the identity.
+    fn identity_query(&self) -> &'static str {
+        "*IDN?"
+    }
+}
+
+/// An instrument on its link, spoken to in a role's dialect `D`.
+pub struct Instrument<D: Model + ?Sized + 'static> {
+    pub(crate) link: Link,
+    pub(crate) dialect: &'static D,
+    pub(crate) channels: Vec<u16>,
+}
+
+impl<D: Model + ?Sized> Instrument<D> {
+    /// Puts a dialect on a link. Sends nothing.
+    pub fn new(link: Link, dialect: &'static D) -> Self {
+        Self { link, dialect, channels: Vec::new() }
+    }
+
+    /// Names the channels in use, where a model has several: the generator's output, the logger's scan list.
+    #[must_use]
+    pub fn on_channels(self, channels: Vec<u16>) -> Self {
+        Self { channels, ..self }
+    }
+
+    /// Asks who it is; changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn identify(&mut self) -> Result<Identity, LinkError> {
+        Ok(Identity::parse(&self.link.query(self.dialect.identity_query()).await?))
+    }
+
+    /// Asks for one number.
+    pub(crate) async fn number(&mut self, query: &str) -> Result<f64, LinkError> {
+        let answer = self.link.query(query).await?;
+        // An overload (9.9E37) and a number that is none (9.91E37) are no readings.
+        leading_number(&answer)
+            .filter(|number| number.is_finite())
+            .ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a number"))
+    }
+
+    /// Asks for a voltage, then for a current.
+    pub(crate) async fn volts_and_amps(&mut self, [volts, amps]: [&str; 2]) -> Result<(Volts, Amps), LinkError> {
+        Ok((Volts(self.number(volts).await?), Amps(self.number(amps).await?)))
+    }
+
+    /// The dialect that is spoken.
+    pub fn dialect(&self) -> &'static D {
+        self.dialect
+    }
+
+    /// The link, for reconnecting.
+    pub fn link_mut(&mut self) -> &mut Link {
+        &mut self.link
+    }
+}
+
+/// Milliseconds, for profiles.
+pub(crate) const fn ms(milliseconds: u64) -> Duration {
+    Duration::from_millis(milliseconds)
+}
