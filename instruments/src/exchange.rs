@@ -126,7 +126,7 @@ impl Expect {
     /// Judges an answer.
     ///
     /// # Errors
-    /// What was expected, in words.
+    /// What should have been answered, in words that go behind "expected".
     pub fn judge(&self, answer: &str) -> Result<(), String> {
         match self {
             Self::Number { value, tolerance } => judge_number(answer, *value, *tolerance, "a number"),
@@ -135,7 +135,7 @@ impl Expect {
                 let right = |text: &str| leading_number(text).is_some_and(|number| (number.abs() - value).abs() <= *tolerance);
                 (fields.len() == 2 && fields.iter().all(|field| right(&field.text)))
                     .then_some(())
-                    .ok_or_else(|| format!("two numbers within {tolerance:e} of ±{value}"))
+                    .ok_or_else(|| format!("two numbers within {tolerance:.1e} of ±{value}"))
             }
             Self::Switch(on) => match parse_bool(answer) {
                 Ok(met) if met == *on => Ok(()),
@@ -266,7 +266,7 @@ pub fn hex_word(answer: &str) -> Option<u32> {
 fn judge_number(answer: &str, value: f64, tolerance: f64, what: &str) -> Result<(), String> {
     match parse_response(answer).last().and_then(|field| leading_number(&field.text)) {
         Some(number) if (number - value).abs() <= tolerance => Ok(()),
-        _ => Err(format!("{what} within {tolerance:e} of {value}")),
+        _ => Err(format!("{what} within {tolerance:.1e} of {value}")),
     }
 }
 
@@ -327,6 +327,14 @@ mod tests {
         assert_eq!(Expect::Fields(vec![("FRQ", 1000.0, 1e-3), ("OFST", -0.28, 1e-3)]).judge(answer), Ok(()));
         let refused = Expect::Fields(vec![("AMP", 2.0, 0.01)]).judge(answer).unwrap_err();
         assert!(refused.contains("AMP") && refused.contains("of 2"), "{refused}");
+        assert_eq!(field("C1:BSWV WVTP, SINE, FRQ, 1000HZ, AMP, 1V", "FRQ"), Some("1000HZ"));
+        assert_eq!(Expect::Contains("LOAD,HZ".to_owned()).judge("OUTP OFF,LOAD,50"), Err("`LOAD,HZ` in the answer".to_owned()));
+        let both = Expect::Magnitude { value: 3.0, tolerance: 0.01 };
+        for (answer, accepted) in
+            [("3.0E0, -3.0E0", true), ("3.0E0", false), ("3.0E0, -2.0E1", false), ("2.0E1, -3.0E0", false), ("", false)]
+        {
+            assert_eq!(both.judge(answer).is_ok(), accepted, "{answer}");
+        }
         assert!(Expect::Word(&["FIX", "FIXED"]).judge("fixed").is_ok());
         assert!(Expect::Word(&["FIX", "FIXED"]).judge("EXT").unwrap_err().contains("FIX, FIXED"));
         assert!(Expect::Switch(true).judge("1").is_ok() && Expect::Switch(false).judge("off").is_ok());

@@ -37,7 +37,7 @@ pub struct Capabilities {
 pub trait Dialect: Model {
     /// What it can do.
     fn capabilities(&self) -> Capabilities;
-    /// Output off (with an open-circuit load setting, so that the volts are true), or on.
+    /// Output off (with an open-circuit load setting, so that the volts are true), or on; on is refused where the volts would not be true.
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange>;
     /// A sine; the output stays as it is.
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange>;
@@ -57,7 +57,7 @@ impl Instrument<dyn Dialect> {
         self.dialect.capabilities()
     }
 
-    /// Sets the sine and reads it back: this family clamps silently.
+    /// Sets the sine and reads it back: this family clamps silently. For true volts [`Self::output`] must have been off before.
     ///
     /// # Errors
     /// The link's; a read-back that differs.
@@ -96,6 +96,7 @@ impl Instrument<dyn Dialect> {
         let script = self.dialect.output(self.output_channel(), false);
         play_all(&mut self.link, &script).await
     }
+
     /// The first of the channels in use; 1 where none was named.
     fn output_channel(&self) -> u8 {
         self.channels.first().and_then(|channel| u8::try_from(*channel).ok()).unwrap_or(1)

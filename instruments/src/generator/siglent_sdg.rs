@@ -17,6 +17,13 @@ const MIN_AMPLITUDE: Volts = Volts(1.0e-3);
 /// Its frequency while nothing is driven.
 const QUIET_FREQ: Hertz = Hertz(1000.0);
 
+/// Relative rounding of a frequency that is read back.
+const FREQ_DIGITS: f64 = 1.0e-6;
+/// An amplitude is read back to four digits or 0.1 mV; wider, and the least amplitude would pass for half of it.
+const AMPLITUDE_STEP_V: f64 = 2.5e-4;
+/// A millivolt, 2 mA of a supply of ±20 A.
+const OFFSET_TOLERANCE_V: f64 = 1.0e-3;
+
 pub(super) struct Sdg;
 
 impl Model for Sdg {
@@ -29,7 +36,7 @@ impl Model for Sdg {
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDG")
+        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDG") && identity.model.contains('X')
     }
 }
 
@@ -44,50 +51,43 @@ impl Dialect for Sdg {
     }
 
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange> {
-        let read_back = format!("C{channel}:OUTP?");
+        let outp = |arguments: &str, expect| set(channel, "OUTP", arguments, expect);
         if on {
-            return vec![Exchange::Set {
-                message: format!("C{channel}:OUTP ON"),
-                read_back,
-                expect: Expect::Contains("OUTP ON".to_owned()),
-            }];
+            // With 50 Ω set, an open analog input would see twice the volts that were asked for; inverted, it would charge instead of discharge.
+            let true_volts = || vec![contains("LOAD,HZ"), contains("PLRT,NOR")];
+            let on = [vec![contains("OUTP ON")], true_volts()].concat();
+            return vec![outp("PLRT,NOR", Expect::All(true_volts())), outp("ON", Expect::All(on))];
         }
-        vec![
-            Exchange::Set {
-                message: format!("C{channel}:OUTP OFF"),
-                read_back: read_back.clone(),
-                expect: Expect::Contains("OUTP OFF".to_owned()),
-            },
-            // With 50 Ω set, an open analog input would see twice the volts that were asked for.
-            Exchange::Set { message: format!("C{channel}:OUTP LOAD,HZ"), read_back, expect: Expect::Contains("LOAD,HZ".to_owned()) },
-        ]
+        vec![outp("OFF", contains("OUTP OFF")), outp("LOAD,HZ", contains("LOAD,HZ"))]
     }
 
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange> {
         let (freq_hz, peak_to_peak_v, offset_v) = (sine.freq.value(), 2.0 * sine.amplitude.value(), sine.offset.value());
+        let fields = vec![
+            ("FRQ", freq_hz, FREQ_DIGITS * freq_hz + 1.0e-6),
+            ("AMP", peak_to_peak_v, 1.0e-3 * peak_to_peak_v + AMPLITUDE_STEP_V),
+            ("OFST", offset_v, OFFSET_TOLERANCE_V),
+        ];
         vec![Exchange::Set {
             message: format!("C{channel}:BSWV WVTP,SINE,FRQ,{freq_hz:.6},AMP,{peak_to_peak_v:.4},OFST,{offset_v:.4},PHSE,0"),
             read_back: format!("C{channel}:BSWV?"),
-            expect: Expect::All(vec![
-                Expect::FieldWord("WVTP", "SINE"),
-                Expect::Fields(vec![
-                    ("FRQ", freq_hz, 1.0e-6 * freq_hz + 1.0e-6),
-                    ("AMP", peak_to_peak_v, 1.0e-3 * peak_to_peak_v + 1.0e-3),
-                    ("OFST", offset_v, 1.0e-3),
-                ]),
-            ]),
+            expect: Expect::All(vec![Expect::FieldWord("WVTP", "SINE"), Expect::Fields(fields)]),
         }]
     }
 
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
         let mut script = self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset });
-        let mut off = |message: String, read_back: String, text: &str| {
-            script.push(Exchange::Set { message, read_back, expect: Expect::Contains(text.to_owned()) });
-        };
-        off(format!("C{channel}:OUTP PLRT,NOR"), format!("C{channel}:OUTP?"), "PLRT,NOR");
-        for modifier in ["BTWV", "SWWV", "MDWV"] {
-            off(format!("C{channel}:{modifier} STATE,OFF"), format!("C{channel}:{modifier}?"), "STATE,OFF");
-        }
+        script.push(set(channel, "OUTP", "PLRT,NOR", contains("PLRT,NOR")));
+        script.extend(["BTWV", "SWWV", "MDWV"].map(|modifier| set(channel, modifier, "STATE,OFF", contains("STATE,OFF"))));
         script
     }
+}
+
+/// A command of the channel, read back by its own bare query.
+fn set(channel: u8, header: &str, arguments: &str, expect: Expect) -> Exchange {
+    Exchange::Set { message: format!("C{channel}:{header} {arguments}"), read_back: format!("C{channel}:{header}?"), expect }
+}
+
+fn contains(text: &str) -> Expect {
+    Expect::Contains(text.to_owned())
 }

@@ -44,7 +44,7 @@ impl Instrument<dyn Dialect> {
         let readings: Result<Vec<f64>, _> = parse_response(&answer).iter().map(Field::as_f64).collect();
         match readings {
             // An open thermocouple is answered as 9.9E37, which the codec reads as infinite.
-            Ok(readings) if readings.len() == self.channels.len() => {
+            Ok(readings) if readings.len() == self.ascending().len() => {
                 // A scan list is answered by rising channel, whatever its order was.
                 let order = self.ascending();
                 let of = |channel: &u16| order.iter().position(|other| other == channel).and_then(|index| readings.get(index).copied());
@@ -52,7 +52,7 @@ impl Instrument<dyn Dialect> {
                 Ok(self.channels.iter().map(celsius).collect())
             }
             _ => {
-                let expected = format!("{} readings", self.channels.len());
+                let expected = format!("{} readings", self.ascending().len());
                 Err(LinkError::unexpected(self.link.name(), self.dialect.scan(), &answer, &expected))
             }
         }
@@ -61,6 +61,8 @@ impl Instrument<dyn Dialect> {
     fn ascending(&self) -> Vec<u16> {
         let mut channels = self.channels.clone();
         channels.sort_unstable();
+        // A channel that is asked for twice is scanned once.
+        channels.dedup();
         channels
     }
 }

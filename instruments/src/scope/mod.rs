@@ -121,8 +121,6 @@ pub struct Queries {
     pub stopped: &'static str,
     /// Points of the acquisition.
     pub points: &'static str,
-    /// Points of the greatest page, as announced; a page may be shorter.
-    pub page: &'static str,
     /// Descriptor of the chosen channel (a block).
     pub preamble: &'static str,
     /// Samples of the chosen page (a block).

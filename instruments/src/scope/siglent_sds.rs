@@ -114,7 +114,6 @@ impl Dialect for Sds {
             status: ":TRIGger:STATus?",
             stopped: "Stop",
             points: ":ACQuire:POINts?",
-            page: ":WAVeform:MAXPoint?",
             preamble: ":WAVeform:PREamble?",
             data: ":WAVeform:DATA?",
         }

@@ -4,6 +4,12 @@
 
 mod device;
 mod drivers;
+mod drivers_common;
+mod drivers_generator;
+mod drivers_power;
+mod drivers_scope;
+mod drivers_supply4q;
+mod drivers_thermal;
 mod link;
 mod mocks_devices;
 mod mocks_plant;
