@@ -2,17 +2,24 @@
 
 use instruments::{
     clock::Clock,
+    exchange::{Exchange, play},
     instrument::Instrument,
+    link::LinkProfile,
     mock::{
         MockOptions,
         plant::{Action, BipolarState},
     },
     scpi::decode::Terminator,
     supply4q::{self, Limits, Supply4q},
+    transcript::Tap,
+    transport::MemoryHub,
     units::{Amps, Volts},
 };
 
-use crate::drivers_common::{Rig, dialect, in_virtual_time};
+use crate::{
+    device::{Reply, now, open, serve_memory},
+    drivers_common::{Rig, dialect, in_virtual_time},
+};
 
 const SWITCHING: &str = "kepco-bop-mg";
 const LINEAR: &str = "kepco-bop-linear";
@@ -140,6 +147,44 @@ fn switching_off_does_not_stop_at_a_supply_that_will_not_choose_its_off_behaviou
         // But nothing is prepared, let alone energised, on such a supply.
         assert_eq!(supply.prepare(&LIMITS).await.unwrap_err().to_string(), expected);
     });
+}
+
+#[test]
+fn switching_off_goes_on_over_a_new_connection_when_an_answer_stays_away() {
+    in_virtual_time(async |clock| {
+        let rig = Rig::with(clock, SWITCHING, &off_active(true), &[("OUTP:MODE?", b"")]);
+        rig.earlier_user(Terminator::Lf, &UNRULY).await;
+        let error = driver(&rig, SWITCHING).await.safe().await.unwrap_err().to_string();
+        assert_eq!(error, "dev: expected an answer to `OUTP:MODE?` within 2s, found none");
+        let last = *states(&rig).last().unwrap();
+        assert!(!last.output_on && last.off_is_open && !last.analog_input, "{last:?}");
+        assert_eq!(rig.sent().iter().filter(|message| *message == "OUTP OFF").count(), 1, "{:?}", rig.sent());
+    });
+}
+
+/// The question is repeated while an instrument is late, the command never.
+#[test]
+fn a_read_back_that_is_late_is_believed_and_one_that_never_comes_true_is_not() {
+    for (right_from, succeeds) in [(1, true), (4, true), (100, false)] {
+        in_virtual_time(async |clock| {
+            let hub = MemoryHub::new();
+            let mut asked = 0;
+            let script = move |message: &str| match message {
+                "OUTP?" => {
+                    asked += 1;
+                    now(if asked >= right_from { "0\n" } else { "1\n" })
+                }
+                "SYST:ERR?" => now("0,\"No error\"\n"),
+                _ => Reply::Silence,
+            };
+            let heard = serve_memory(&hub, &clock, script);
+            let mut link = open("memory:device", LinkProfile::scpi(), &clock, &hub, Tap::none()).await.unwrap();
+            let outcome = play(&mut link, &[Exchange::switch("OUTP", false)]).await;
+            let text = "dev: after `OUTP OFF`, `OUTP?` answered `1`: expected 0 or OFF";
+            assert_eq!(outcome.map_err(|error| error.to_string()), if succeeds { Ok(()) } else { Err(text.to_owned()) });
+            assert_eq!(heard.lock().unwrap().iter().filter(|(_, message)| message == "OUTP OFF").count(), 1);
+        });
+    }
 }
 
 #[test]
