@@ -3,7 +3,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test that panics has found something")]
 
 mod device;
-mod drivers;
 mod drivers_common;
 mod drivers_generator;
 mod drivers_power;
