@@ -155,6 +155,9 @@ impl Run<'_> {
         }
         let mut stop = StopSignals::install()?;
         let connections = Connections { clock: self.clock.clone(), hub, taps };
+        if self.experiment.bench.instruments.logger.is_none() {
+            self.recorder.warning("nothing watches the cell's temperature: the bench has no logger");
+        }
         let mut bench = Bench::open(&self.experiment.bench, &connections).await?;
         let identities = bench.identify_strictly().await?;
         self.manifest(&identities, "running")?;
