@@ -284,6 +284,10 @@ impl Bench {
         attempt!("supply4q", supply4q, async |supply: &mut Supply4q| supply.safe().await);
         if failures.len() == before {
             attempt!("generator", generator, async |generator: &mut Generator| generator.safe().await);
+            if failures.len() == before {
+                // Off by its own word: what it did not want to say of its sine no longer matters.
+                failures.clear();
+            }
         }
         attempt!("load", load, async |load: &mut Load| load.safe().await);
         attempt!("supply", supply, async |supply: &mut Supply| supply.safe().await);
