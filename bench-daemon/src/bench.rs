@@ -1,12 +1,13 @@
 //! The named instruments of one bench: opened, asked who they are, brought into safe state. Opening changes nothing on any of them.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, time::Duration};
 
 use instruments::{
     chiller::{self, Chiller},
     clock::Clock,
     exchange::Identity,
     generator::{self, Generator},
+    instrument::{Instrument, Model},
     jig::Jig,
     link::{Link, LinkError, LinkOptions, LinkProfile},
     load::{self, Load},
@@ -19,7 +20,7 @@ use instruments::{
     units::Volts,
 };
 
-use crate::config;
+use crate::{config, interlock::NO_CURRENT_A};
 
 /// What stands in the way of using a bench.
 #[derive(Debug, thiserror::Error)]
@@ -77,8 +78,8 @@ const SAFE_RETRIES: usize = 5;
 const SAFE_PAUSE_S: f64 = 1.0;
 /// After this time no current may flow, s.
 const SAFE_SETTLE_S: f64 = 0.5;
-/// What meters show for no current, A.
-const SAFE_CURRENT_A: f64 = 0.05;
+/// Longest wait for the generator's least sine before the supply is switched off.
+const QUIET_DEADLINE: Duration = Duration::from_secs(2);
 
 /// What all links of a bench share.
 pub struct Connections {
@@ -241,57 +242,71 @@ impl Bench {
     /// Switches everything off that can move charge, and proves it: each output is read back, and half a second later no current may flow.
     ///
     /// The generator is brought to its least sine first, which ends the current at once; its output goes off only when the supply's is known to be off,
-    /// for without its offset the supply's zero error would flow. Every instrument is tried, whatever happens to the others, and those that fail are
-    /// tried again for a while on fresh connections: switching off is idempotent.
+    /// for without its offset the supply's zero error would flow, or when it does not take the least sine. Load and charger are switched off at the same
+    /// time, so that none waits for another that does not answer. Who fails is tried again for a while on a fresh connection: switching off is
+    /// idempotent.
     ///
     /// # Errors
     /// Every instrument whose safe state could not be verified.
     pub async fn safe_state(&mut self) -> Result<(), Vec<BenchError>> {
-        let mut failures = self.try_safe().await;
-        for _ in 0..SAFE_RETRIES {
-            if failures.is_empty() {
-                break;
+        let mut failures = Vec::new();
+        for attempt in 0..=SAFE_RETRIES {
+            if attempt > 0 {
+                self.clock.sleep_s(SAFE_PAUSE_S).await;
             }
-            self.clock.sleep_s(SAFE_PAUSE_S).await;
             failures = self.try_safe().await;
+            if failures.is_empty() {
+                self.clock.sleep_s(SAFE_SETTLE_S).await;
+                failures = self.still_flowing().await;
+            }
+            if failures.is_empty() {
+                return Ok(());
+            }
         }
-        if failures.is_empty() {
-            self.clock.sleep_s(SAFE_SETTLE_S).await;
-            failures = self.still_flowing().await;
-        }
-        if failures.is_empty() { Ok(()) } else { Err(failures) }
+        Err(failures)
     }
 
     async fn try_safe(&mut self) -> Vec<BenchError> {
-        let mut failures = Vec::new();
-        macro_rules! attempt {
-            ($role:literal, $field:ident, $action:expr) => {
-                if let Some(instrument) = self.$field.as_mut() {
-                    if instrument.link_mut().is_dropped() {
-                        // When that fails, so does the attempt, and says why.
-                        let _ = instrument.link_mut().reconnect().await;
-                    }
-                    if let Err(source) = $action(instrument).await {
-                        let model = self.models.get($role).map_or("", |instrument| instrument.model.as_str());
-                        failures.push(wrap($role, model, source));
-                    }
-                }
-            };
-        }
         let offset = Volts(self.command_offset_v);
-        attempt!("generator", generator, async |generator: &mut Generator| generator.quiet(offset).await);
-        let before = failures.len();
-        attempt!("supply4q", supply4q, async |supply: &mut Supply4q| supply.safe().await);
-        if failures.len() == before {
-            attempt!("generator", generator, async |generator: &mut Generator| generator.safe().await);
-            if failures.len() == before {
-                // Off by its own word: what it did not want to say of its sine no longer matters.
-                failures.clear();
-            }
-        }
-        attempt!("load", load, async |load: &mut Load| load.safe().await);
-        attempt!("supply", supply, async |supply: &mut Supply| supply.safe().await);
-        failures
+        let (generator, supply4q, clock) = (&mut self.generator, &mut self.supply4q, &self.clock);
+        let driven = async move {
+            let quiet = match generator.as_mut() {
+                // Not worth waiting for long: what drives the cell is the supply.
+                Some(generator) => clock.deadline(QUIET_DEADLINE, generator.quiet(offset)).await.is_ok_and(|quiet| quiet.is_ok()),
+                None => true,
+            };
+            let supply = match supply4q.as_mut() {
+                Some(supply) => {
+                    fresh(supply).await;
+                    supply.safe().await
+                }
+                None => Ok(()),
+            };
+            let generator = match generator.as_mut() {
+                Some(generator) if supply.is_ok() || !quiet => {
+                    fresh(generator).await;
+                    generator.safe().await
+                }
+                _ => Ok(()),
+            };
+            (supply, generator)
+        };
+        let (load, supply) = (&mut self.load, &mut self.supply);
+        let discharged = async move {
+            let Some(load) = load.as_mut() else { return Ok(()) };
+            fresh(load).await;
+            load.safe().await
+        };
+        let charged = async move {
+            let Some(supply) = supply.as_mut() else { return Ok(()) };
+            fresh(supply).await;
+            supply.safe().await
+        };
+        let ((supply4q, generator), load, supply) = tokio::join!(driven, discharged, charged);
+        [("supply4q", supply4q), ("generator", generator), ("load", load), ("supply", supply)]
+            .into_iter()
+            .filter_map(|(role, outcome)| outcome.err().map(|source| wrap(role, self.model(role), source)))
+            .collect()
     }
 
     /// Outputs that say they are off while a current flows.
@@ -302,7 +317,7 @@ impl Bench {
                 if let Some(instrument) = self.$field.as_mut() {
                     let model = self.models.get($role).map_or("", |instrument| instrument.model.as_str());
                     match instrument.measure().await {
-                        Ok((_, amps)) if amps.value().abs() <= SAFE_CURRENT_A => {}
+                        Ok((_, amps)) if amps.value().abs() <= NO_CURRENT_A => {}
                         Ok((_, amps)) => failures.push(BenchError::Flowing { role: $role, model: model.to_owned(), amps: amps.value() }),
                         Err(source) => failures.push(wrap($role, model, source)),
                     }
@@ -324,6 +339,13 @@ impl Bench {
     pub fn error(&self, role: &'static str) -> impl Fn(LinkError) -> BenchError + use<> {
         let model = self.model(role).to_owned();
         move |source| wrap(role, &model, source)
+    }
+}
+
+/// A new connection where the old one was dropped. When that fails, so does what is tried next, and says why.
+async fn fresh<D: Model + ?Sized>(instrument: &mut Instrument<D>) {
+    if instrument.link_mut().is_dropped() {
+        let _ = instrument.link_mut().reconnect().await;
     }
 }
 

@@ -31,7 +31,7 @@ Exit codes:
   4  the fixture check failed: the bench is not to be believed
   5  the interlock tripped
   6  safe state could not be verified: LOOK AT THE BENCH
-  130  stopped by Ctrl-C, SIGTERM or the end of the terminal; the bench was brought into safe state";
+  130  stopped by Ctrl-C, Ctrl-Z, SIGTERM or the end of the terminal; the bench was brought into safe state";
 
 /// Runs a battery test bench and turns what it measures into a model that a robot can trust.
 #[derive(Debug, Parser)]

@@ -17,7 +17,7 @@ pub use sine::SweepPoint;
 use crate::{
     bench::{Bench, BenchError},
     config::{self, Experiment},
-    interlock::{self, Limits, Reading, Trip},
+    interlock::{self, Limits, NO_CURRENT_A, Reading, Trip},
     operator::{Operator, OperatorError},
     plan::{Stage, Step},
     progress::Progress,
@@ -73,8 +73,7 @@ pub enum ExecuteError {
 const POLL_S: f64 = 1.0;
 /// With its command at zero the bipolar supply may drive this much, A: more is a zero error that wants trimming.
 const IDLE_CURRENT_A: f64 = 0.2;
-/// What a meter may show for no current, and its gain error, as parts of a step's envelope.
-const METER_ZERO_A: f64 = 0.1;
+/// The gain error of a meter, as part of a step's envelope.
 const METER_GAIN: f64 = 1.1;
 /// A temperature is read with every so many readings.
 const TEMPERATURE_EVERY: u32 = 10;
@@ -176,19 +175,24 @@ impl<'a> Executor<'a> {
     /// What may flow during a step is far less than what the cell could bear.
     fn set_envelope(&mut self, step: &Step) {
         let cell = self.experiment.cell.limits;
-        let drawn = |amps: f64| METER_GAIN * amps + METER_ZERO_A;
+        let drawn = |amps: f64| METER_GAIN * amps + NO_CURRENT_A;
         self.envelope = match *step {
-            Step::Discharge { current_a, .. } => cell.bounded(METER_ZERO_A, drawn(current_a)),
-            Step::Charge { current_a, .. } => cell.bounded(drawn(current_a), METER_ZERO_A),
+            Step::Discharge { current_a, .. } => cell.bounded(NO_CURRENT_A, drawn(current_a)),
+            Step::Charge { current_a, .. } => cell.bounded(drawn(current_a), NO_CURRENT_A),
             Step::PowerUp { limit_a, .. } => cell.bounded(limit_a, limit_a),
             // Between power-up and power-down the limit of the power-up holds.
             Step::Sine { .. } | Step::PowerDown => self.envelope,
-            Step::Mount(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => cell.bounded(METER_ZERO_A, METER_ZERO_A),
+            Step::Mount(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => cell.bounded(NO_CURRENT_A, NO_CURRENT_A),
         };
     }
 
     async fn mount(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         self.bench.safe_state().await.map_err(first)?;
+        let error = self.bench.error("load");
+        if let Some(load) = self.bench.load.as_mut() {
+            // From here on it is the cell's voltmeter.
+            load.watch().await.map_err(error)?;
+        }
         self.verticals = [None; 4];
         self.trigger_v = Volts(0.0);
         match (&self.experiment.bench.instruments.jig, self.bench.jig.as_mut()) {
@@ -232,10 +236,11 @@ impl<'a> Executor<'a> {
             reading.voltage_v = None;
         }
         self.judge("idle", reading)?;
-        if idle_a.abs() > IDLE_CURRENT_A {
+        let allowed_a = IDLE_CURRENT_A.min(0.5 * self.experiment.eis.amplitude_a).max(NO_CURRENT_A);
+        if idle_a.abs() > allowed_a {
             return Err(ExecuteError::Disobeyed {
                 what: "bipolar supply with its command at zero".to_owned(),
-                expected: format!("less than {IDLE_CURRENT_A} A"),
+                expected: format!("less than {allowed_a} A"),
                 met: format!("{idle_a:.3} A: adjust wiring.command_offset"),
             });
         }

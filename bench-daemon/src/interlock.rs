@@ -56,6 +56,8 @@ pub struct Trip {
     pub time_s: f64,
 }
 
+/// What a meter may show where nothing flows, A: its zero error.
+pub const NO_CURRENT_A: f64 = 0.1;
 /// Share of the current limits that a meter's own error may add.
 const CURRENT_MARGIN: f64 = 1.02;
 

@@ -73,6 +73,20 @@ impl Default for Bounds {
     }
 }
 
+impl Bounds {
+    /// The thesis' bounds, which suit power cells; moved by powers of ten for impedances of another size.
+    pub fn for_spectra(spectra: &[Spectrum]) -> Self {
+        let thesis = Self::default();
+        let greatest = spectra.iter().flat_map(|spectrum| &spectrum.points).map(|point| point.z_ohm.norm()).fold(0.0, f64::max);
+        let suits = 0.01 * thesis.r_ohm.1..=0.5 * thesis.r_ohm.1;
+        if greatest <= 0.0 || !greatest.is_finite() || suits.contains(&greatest) {
+            return thesis;
+        }
+        let factor = 10.0_f64.powf((greatest / (0.5 * thesis.r_ohm.1)).log10().ceil());
+        Self { r_ohm: (thesis.r_ohm.0 * factor, thesis.r_ohm.1 * factor), c_f: (thesis.c_f.0 / factor, thesis.c_f.1 / factor) }
+    }
+}
+
 /// What to fit and how.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FitOptions {

@@ -42,7 +42,7 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     let mut fitted = Vec::new();
     for mut group in groups {
         for &rc in &orders {
-            let options = FitOptions { rc, objective, seed: args.seed, bounds: bounds(&group.spectra) };
+            let options = FitOptions { rc, objective, seed: args.seed, bounds: Bounds::for_spectra(&group.spectra) };
             let fit = fit_erm(&group.spectra, &options).map_err(|error| Failure::Usage(format!("{}, {rc} RC: {error}", group.name)))?;
             if !fit.objective.is_finite() {
                 return Err(Failure::Usage(format!(
@@ -73,17 +73,6 @@ fn orders(text: &str) -> Result<Vec<usize>, Failure> {
     let distinct: std::collections::BTreeSet<usize> = orders.iter().copied().collect();
     let sound = distinct.len() == orders.len() && distinct.iter().all(|order| (1..=MAX_RC).contains(order));
     if sound { Ok(orders) } else { Err(fail()) }
-}
-
-/// The thesis' bounds, which suit power cells; moved by powers of ten for impedances of another size.
-fn bounds(spectra: &[Spectrum]) -> Bounds {
-    let thesis = Bounds::default();
-    let greatest = spectra.iter().flat_map(|spectrum| &spectrum.points).map(|point| point.z_ohm.norm()).fold(0.0, f64::max);
-    if greatest <= 0.0 || (0.01 * thesis.r_ohm.1..=0.5 * thesis.r_ohm.1).contains(&greatest) {
-        return thesis;
-    }
-    let factor = 10.0_f64.powf((greatest / (0.5 * thesis.r_ohm.1)).log10().ceil());
-    Bounds { r_ohm: (thesis.r_ohm.0 * factor, thesis.r_ohm.1 * factor), c_f: (thesis.c_f.0 / factor, thesis.c_f.1 / factor) }
 }
 
 /// The spectra to be fitted, and the control impedances that came with them. Sweeps with a bias belong to neither.

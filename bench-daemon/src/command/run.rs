@@ -167,7 +167,10 @@ impl Run<'_> {
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
         };
         progress.finish();
-        let outcome = safe(bench.safe_state().await, outcome);
+        let outcome = match caught(async { Ok(bench.safe_state().await) }).await {
+            Ok(safe_state) => safe(safe_state, outcome),
+            Err(panic) => Err(Failure::Unsafe { failures: panic.to_string(), cause: String::new() }),
+        };
         for (role, tap) in &connections.taps {
             if let Some(error) = tap.take_error() {
                 self.recorder.warning(&format!("the transcript of {role} is incomplete: {error}"));
@@ -337,8 +340,11 @@ fn safe<T>(safe: Result<(), Vec<BenchError>>, outcome: Result<T, Failure>) -> Re
     }
 }
 
+/// Number of the signal that Ctrl-Z sends, on Linux.
+const SIGTSTP: i32 = 20;
+
 /// Ctrl-C, a polite kill, or the end of the terminal: each is to bring the bench into safe state.
-pub(crate) struct StopSignals([Signal; 4]);
+pub(crate) struct StopSignals([Signal; 5]);
 
 impl StopSignals {
     /// From now on these signals no longer end the process by themselves.
@@ -346,19 +352,22 @@ impl StopSignals {
     /// # Errors
     /// A system that refuses: a run that cannot be stopped must not begin.
     pub(crate) fn install() -> std::io::Result<Self> {
-        let [interrupt, terminate, hangup, quit] =
-            [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup(), SignalKind::quit()].map(signal);
-        Ok(Self([interrupt?, terminate?, hangup?, quit?]))
+        // Ctrl-Z would stop the watching and leave the current flowing: it ends the run like Ctrl-C.
+        let suspend = SignalKind::from_raw(SIGTSTP);
+        let [interrupt, terminate, hangup, quit, suspend] =
+            [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup(), SignalKind::quit(), suspend].map(signal);
+        Ok(Self([interrupt?, terminate?, hangup?, quit?, suspend?]))
     }
 
     /// Waits for the first of them.
     pub(crate) async fn requested(&mut self) {
-        let [interrupt, terminate, hangup, quit] = &mut self.0;
+        let [interrupt, terminate, hangup, quit, suspend] = &mut self.0;
         tokio::select! {
             _ = interrupt.recv() => {}
             _ = terminate.recv() => {}
             _ = hangup.recv() => {}
             _ = quit.recv() => {}
+            _ = suspend.recv() => {}
         }
     }
 }

@@ -35,6 +35,8 @@ pub trait Dialect: Model {
     fn input(&self, on: bool) -> Vec<Exchange>;
     /// Constant current with its limits; assumes the input is off.
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange>;
+    /// The finest range for a cell's voltage; assumes the input is off.
+    fn watch(&self) -> Vec<Exchange>;
     /// Queries for voltage and current.
     fn measure(&self) -> [&'static str; 2];
 }
@@ -58,6 +60,14 @@ impl Instrument<dyn Dialect> {
     pub async fn prepare(&mut self, discharge: &Discharge) -> Result<(), LinkError> {
         play(&mut self.link, &self.dialect.input(false)).await?;
         play(&mut self.link, &self.dialect.prepare(discharge)).await
+    }
+
+    /// Makes it a voltmeter for a cell; the input stays off.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub async fn watch(&mut self) -> Result<(), LinkError> {
+        play(&mut self.link, &self.dialect.watch()).await
     }
 
     /// Input on.

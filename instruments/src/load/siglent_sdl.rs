@@ -53,6 +53,11 @@ impl Dialect for Sdl {
         ]
     }
 
+    fn watch(&self) -> Vec<Exchange> {
+        // Above 36 V there is no cell, and the coarse range reads ten times worse.
+        vec![Exchange::number(":CURR:VRANG 36", ":CURR:VRANG?", 36.0, 0.1)]
+    }
+
     fn measure(&self) -> [&'static str; 2] {
         ["MEAS:VOLT?", "MEAS:CURR?"]
     }

@@ -132,8 +132,6 @@ pub struct Queries {
 pub struct Preamble {
     /// Points of the whole record.
     pub points: u64,
-    /// Points that one transfer of the chosen stride holds.
-    pub payload_points: u64,
     /// Volts per code.
     pub volts_per_code: f64,
     /// V = code · `volts_per_code` − `offset_v`.

@@ -124,7 +124,6 @@ impl Dialect for Sds {
         let volts_per_div = f64::from(descriptor.f32(156)) * f64::from(descriptor.f32(328));
         let codes_per_div = f64::from(descriptor.f32(164));
         let points = u64::try_from(descriptor.i32(116)).unwrap_or(0);
-        let stride = u64::try_from(descriptor.i32(136)).unwrap_or(0).max(1);
         let interval_s = f64::from(descriptor.f32(176));
         if points == 0 || ![volts_per_div, codes_per_div, interval_s].iter().all(|scale| *scale > 0.0 && scale.is_finite()) {
             return Err("a descriptor with points and scales: no frame was completed since the scope was armed".to_owned());
@@ -134,7 +133,6 @@ impl Dialect for Sds {
         }
         Ok(Preamble {
             points,
-            payload_points: points.div_ceil(stride),
             volts_per_code: volts_per_div / codes_per_div,
             offset_v: f64::from(descriptor.f32(160)) * f64::from(descriptor.f32(328)),
             volts_per_div,

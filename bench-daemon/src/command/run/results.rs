@@ -4,7 +4,7 @@ mod report;
 
 use analysis::{
     dataset,
-    fit::{ErmFit, FitOptions, ModelFile, PackModel, fit_erm},
+    fit::{Bounds, ErmFit, FitOptions, ModelFile, PackModel, fit_erm},
     pack::Pack,
     spectrum::Spectrum,
 };
@@ -39,9 +39,11 @@ pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: 
 fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, spectrum: &Spectrum) -> Vec<ErmFit> {
     let mut fits = Vec::new();
     for &rc in &experiment.fit.rc {
-        let options = FitOptions { rc, objective: experiment.fit.objective, seed: experiment.seed, ..FitOptions::default() };
-        match fit_erm(std::slice::from_ref(spectrum), &options) {
-            Ok(fit) => fits.push(fit),
+        let spectra = std::slice::from_ref(spectrum);
+        let bounds = Bounds::for_spectra(spectra);
+        match fit_erm(spectra, &FitOptions { rc, objective: experiment.fit.objective, seed: experiment.seed, bounds }) {
+            Ok(fit) if fit.objective.is_finite() => fits.push(fit),
+            Ok(_) => recorder.warning(&format!("no model with {rc} RC: its objective is not finite")),
             Err(error) => recorder.warning(&format!("no model with {rc} RC: {error}")),
         }
     }
