@@ -7,7 +7,7 @@ use instruments::{
     clock::Clock,
     exchange::Identity,
     generator::{self, Generator},
-    instrument::{Instrument, Model},
+    instrument::{Instrument, Model, by_key},
     jig::Jig,
     link::{Link, LinkError, LinkOptions, LinkProfile},
     load::{self, Load},
@@ -143,22 +143,6 @@ impl Identified {
     }
 }
 
-macro_rules! open {
-    ($module:ident, $connections:expr, $role:literal, $instrument:expr) => {
-        match $instrument {
-            None => None,
-            Some(instrument) => {
-                let dialect = $module::DIALECTS
-                    .iter()
-                    .copied()
-                    .find(|dialect| dialect.key() == instrument.model)
-                    .ok_or_else(|| BenchError::Dialect { role: $role, model: instrument.model.clone() })?;
-                Some((link($connections, $role, instrument, dialect.profile()).await?, dialect))
-            }
-        }
-    };
-}
-
 impl Bench {
     /// Connects to every instrument; sends nothing.
     ///
@@ -173,16 +157,17 @@ impl Bench {
             Some(config::Jig::Device(instrument)) => Some(Jig::new(link(connections, "jig", instrument, Jig::profile()).await?)),
             Some(config::Jig::Person) | None => None,
         };
+        let logger = instruments.logger.as_ref().map(|(instrument, _, _)| instrument);
         Ok(Self {
-            supply4q: open!(supply4q, connections, "supply4q", &instruments.supply4q).map(|(link, d)| Supply4q::new(link, d)),
-            generator: open!(generator, connections, "generator", &instruments.generator)
-                .map(|(link, d)| Generator::new(link, d).on_channels(vec![u16::from(channel)])),
-            scope: open!(scope, connections, "scope", &instruments.scope).map(|(link, d)| Scope::new(link, d)),
-            load: open!(load, connections, "load", &instruments.load).map(|(link, d)| Load::new(link, d)),
-            supply: open!(supply, connections, "supply", &instruments.supply).map(|(link, d)| Supply::new(link, d)),
-            chiller: open!(chiller, connections, "chiller", &instruments.chiller).map(|(link, d)| Chiller::new(link, d)),
-            logger: open!(logger, connections, "logger", &instruments.logger.as_ref().map(|(instrument, _, _)| instrument))
-                .map(|(link, d)| Logger::new(link, d).on_channels(logger_channels)),
+            supply4q: open(connections, "supply4q", supply4q::DIALECTS, instruments.supply4q.as_ref()).await?,
+            generator: open(connections, "generator", generator::DIALECTS, instruments.generator.as_ref())
+                .await?
+                .map(|generator| generator.on_channels(vec![u16::from(channel)])),
+            scope: open(connections, "scope", scope::DIALECTS, instruments.scope.as_ref()).await?,
+            load: open(connections, "load", load::DIALECTS, instruments.load.as_ref()).await?,
+            supply: open(connections, "supply", supply::DIALECTS, instruments.supply.as_ref()).await?,
+            chiller: open(connections, "chiller", chiller::DIALECTS, instruments.chiller.as_ref()).await?,
+            logger: open(connections, "logger", logger::DIALECTS, logger).await?.map(|logger| logger.on_channels(logger_channels)),
             jig,
             clock: connections.clock.clone(),
             command_offset_v: config.wiring.command_offset_v,
@@ -198,34 +183,22 @@ impl Bench {
         let mut found = Vec::new();
         macro_rules! ask {
             ($role:literal, $field:ident, $recognises:expr) => {
-                if let Some(instrument) = self.$field.as_mut() {
-                    let identity = instrument.identify().await;
-                    let config = self.models.get($role).ok_or(BenchError::Missing { role: $role })?;
-                    let identity = identity.map_err(|source| wrap($role, &config.model, source))?;
-                    let recognised = $recognises(config.model.as_str(), &identity);
-                    found.push(Identified {
-                        role: $role,
-                        model: config.model.clone(),
-                        address: config.address.to_string(),
-                        identity,
-                        recognised,
-                    });
+                if let (Some(instrument), Some(config)) = (self.$field.as_mut(), self.models.get($role)) {
+                    let identity = instrument.identify().await.map_err(|source| wrap($role, &config.model, source))?;
+                    let recognised = $recognises(&*instrument, &identity);
+                    let (model, address) = (config.model.clone(), config.address.to_string());
+                    found.push(Identified { role: $role, model, address, identity, recognised });
                 }
             };
         }
-        macro_rules! table {
-            ($module:ident) => {
-                |model: &str, identity: &Identity| $module::DIALECTS.iter().any(|d| d.key() == model && d.recognises(identity))
-            };
-        }
-        ask!("supply4q", supply4q, table!(supply4q));
-        ask!("generator", generator, table!(generator));
-        ask!("scope", scope, table!(scope));
-        ask!("load", load, table!(load));
-        ask!("supply", supply, table!(supply));
-        ask!("chiller", chiller, table!(chiller));
-        ask!("logger", logger, table!(logger));
-        ask!("jig", jig, |_: &str, _: &Identity| true);
+        ask!("supply4q", supply4q, recognises);
+        ask!("generator", generator, recognises);
+        ask!("scope", scope, recognises);
+        ask!("load", load, recognises);
+        ask!("supply", supply, recognises);
+        ask!("chiller", chiller, recognises);
+        ask!("logger", logger, recognises);
+        ask!("jig", jig, |_: &Jig, _: &Identity| true);
         Ok(found)
     }
 
@@ -340,6 +313,22 @@ impl Bench {
         let model = self.model(role).to_owned();
         move |source| wrap(role, &model, source)
     }
+}
+
+/// Connects the instrument of a role, where the bench has one; sends nothing.
+async fn open<D: Model + ?Sized>(
+    connections: &Connections,
+    role: &'static str,
+    dialects: &[&'static D],
+    instrument: Option<&config::Instrument>,
+) -> Result<Option<Instrument<D>>, BenchError> {
+    let Some(instrument) = instrument else { return Ok(None) };
+    let dialect = by_key(dialects, &instrument.model).ok_or_else(|| BenchError::Dialect { role, model: instrument.model.clone() })?;
+    Ok(Some(Instrument::new(link(connections, role, instrument, dialect.profile()).await?, dialect)))
+}
+
+fn recognises<D: Model + ?Sized>(instrument: &Instrument<D>, identity: &Identity) -> bool {
+    instrument.dialect().recognises(identity)
 }
 
 /// A new connection where the old one was dropped. When that fails, so does what is tried next, and says why.

@@ -222,20 +222,15 @@ impl<'a> Executor<'a> {
             reading.temperature_c = self.cell_temperature().await?;
             self.judge("idle", reading)?;
         }
-        // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
         let scope_error = self.bench.error("scope");
         let memory_points = self.experiment.eis.memory_points;
         let scope = require(&mut self.bench.scope, "scope")?;
         scope.set(&instruments::scope::Intent::Session { memory_points }).await.map_err(scope_error)?;
+        // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
         let generator_error = self.bench.error("generator");
         require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;
         require(&mut self.bench.supply4q, "supply4q")?.energise().await.map_err(&error)?;
-        let mut reading = self.read_supply4q().await?;
-        let idle_a = reading.current_a.unwrap_or(0.0);
-        if fixture != Fixture::Cell {
-            reading.voltage_v = None;
-        }
-        self.judge("idle", reading)?;
+        let idle_a = self.watch("idle", fixture).await?.current_a.unwrap_or(0.0);
         let allowed_a = IDLE_CURRENT_A.min(0.5 * self.experiment.eis.amplitude_a).max(NO_CURRENT_A);
         if idle_a.abs() > allowed_a {
             return Err(ExecuteError::Disobeyed {
@@ -264,18 +259,19 @@ impl<'a> Executor<'a> {
                 return Ok(());
             }
             self.clock.sleep_s(left_s.min(POLL_S)).await;
-            self.watch(fixture).await?;
+            self.watch("sine", fixture).await?;
         }
     }
 
     /// One reading of the bipolar supply, judged.
-    async fn watch(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
+    async fn watch(&mut self, phase: &str, fixture: Fixture) -> Result<Reading, ExecuteError> {
         let mut reading = self.read_supply4q().await?;
         if fixture != Fixture::Cell {
             // A copper wire has no voltage limits.
             reading.voltage_v = None;
         }
-        self.judge("sine", reading)
+        self.judge(phase, reading)?;
+        Ok(reading)
     }
 
     async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {

@@ -3,16 +3,12 @@
 //! Pure: points in, correction and verdicts out.
 
 use analysis::{
-    calibration::{self, CalibrationError, ControlVerdict, Controls, Correction, KnownImpedance, Priors},
+    calibration::{self, CalibrationError, ControlTolerance, ControlVerdict, Controls, Correction, KnownImpedance, Priors},
     spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
 };
 use instruments::mock::plant::Fixture;
 
-use crate::{
-    config::{Bench, ControlTolerance},
-    executor::SweepPoint,
-    plan::fixture_name,
-};
+use crate::{config::Bench, executor::SweepPoint, plan::fixture_name};
 
 /// After the correction a control must be right in phase too: this many degrees for each per cent of its tolerance (1 % of a number is 0.57°).
 const DEGREES_PER_SHARE: f64 = 180.0 / std::f64::consts::PI;
@@ -46,8 +42,7 @@ pub fn raw_points(bench: &Bench, points: &[SweepPoint]) -> Vec<ImpedancePoint> {
 /// Judges a control as read.
 pub fn judge_raw(bench: &Bench, fixture: Fixture, tolerance: &ControlTolerance, points: &[SweepPoint]) -> ControlResult {
     let known = known(bench, fixture);
-    let tolerance = calibration::ControlTolerance { magnitude_rel: tolerance.magnitude, phase_deg: tolerance.phase_deg };
-    let raw = calibration::check_control(&raw_points(bench, points), &known, &tolerance);
+    let raw = calibration::check_control(&raw_points(bench, points), &known, tolerance);
     ControlResult { control: fixture_name(fixture), known, raw, corrected: None }
 }
 
@@ -66,7 +61,7 @@ pub fn correction(bench: &Bench, shunt: &[SweepPoint], fake_cell: &[SweepPoint])
 /// fake cell tells something new.
 pub fn judge_corrected(correction: &Correction, known: &KnownImpedance, tolerance: f64, points: &[SweepPoint]) -> ControlVerdict {
     let corrected: Vec<ImpedancePoint> = points.iter().map(|point| correction.apply(&point.phasors)).collect();
-    let tolerance = calibration::ControlTolerance { magnitude_rel: tolerance, phase_deg: tolerance * DEGREES_PER_SHARE };
+    let tolerance = ControlTolerance { magnitude_rel: tolerance, phase_deg: tolerance * DEGREES_PER_SHARE };
     calibration::check_control(&corrected, known, &tolerance)
 }
 

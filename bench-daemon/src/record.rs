@@ -158,15 +158,7 @@ impl Recorder {
         let name = fixture_name(file.fixture);
         let folder = self.path("captures").join(name);
         fs::create_dir_all(&folder).map_err(io(&folder, "cannot be made"))?;
-        let channel = |waveform: &Waveform| ChannelMeta {
-            scale: CodeScale {
-                volts_per_code: waveform.preamble.volts_per_code,
-                offset_v: waveform.preamble.offset_v,
-                code_min: waveform.preamble.code_min,
-                code_max: waveform.preamble.code_max,
-            },
-            volts_per_div: waveform.preamble.volts_per_div,
-        };
+        let channel = |waveform: &Waveform| ChannelMeta { scale: code_scale(waveform), volts_per_div: waveform.preamble.volts_per_div };
         let capture = Capture {
             meta: CaptureMeta {
                 label: format!("{name} point {} attempt {} at {} A", file.index + 1, file.attempt + 1, file.amplitude_a),
@@ -225,6 +217,17 @@ impl Recorder {
     /// What was odd.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
+    }
+}
+
+/// What a waveform's codes mean: on disk as in the fit.
+pub(crate) fn code_scale(waveform: &Waveform) -> CodeScale {
+    let preamble = &waveform.preamble;
+    CodeScale {
+        volts_per_code: preamble.volts_per_code,
+        offset_v: preamble.offset_v,
+        code_min: preamble.code_min,
+        code_max: preamble.code_max,
     }
 }
 

@@ -25,6 +25,11 @@ pub trait Model: Send + Sync {
     }
 }
 
+/// The model of this name in a role's table.
+pub fn by_key<D: Model + ?Sized>(dialects: &[&'static D], key: &str) -> Option<&'static D> {
+    dialects.iter().copied().find(|dialect| dialect.key() == key)
+}
+
 /// An instrument on its link, spoken to in a role's dialect `D`.
 pub struct Instrument<D: Model + ?Sized + 'static> {
     pub(crate) link: Link,

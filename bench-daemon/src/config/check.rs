@@ -1,14 +1,19 @@
 //! The sections of an experiment against its bench and its cell: nothing that the bench cannot do or the cell must not bear gets through.
 
-use analysis::fit::{MAX_RC, Objective};
+use analysis::{
+    calibration::ControlTolerance,
+    fit::{MAX_RC, Objective},
+};
 use instruments::{
-    chiller, generator, load,
+    chiller, generator,
+    instrument::by_key,
+    load,
     mock::plant::{Fixture, HISTORY_S},
     scope, supply, supply4q,
     units::Seconds,
 };
 
-use super::{Bench, Cell, ConfigError, ControlTolerance, Eis, Fit, FixtureCheck, SocReset, Source, Temperature, raw};
+use super::{Bench, Cell, ConfigError, Eis, Fit, FixtureCheck, SocReset, Source, Temperature, raw};
 
 /// How far the end of a charge lies below the limit of the supply at least, V.
 const CHARGE_MARGIN_V: f64 = 0.02;
@@ -51,7 +56,7 @@ impl Check<'_> {
         let chiller = self.needs(self.bench.instruments.chiller.as_ref(), "chiller", "temperature")?;
         self.needs(self.bench.instruments.logger.as_ref(), "logger", "temperature")?;
         let limits = &self.cell.limits;
-        let range = chiller::DIALECTS.iter().find(|dialect| dialect.key() == chiller.model).map(|dialect| dialect.range());
+        let range = by_key(chiller::DIALECTS, &chiller.model).map(|dialect| dialect.range());
         let (low, high) =
             range.map_or((limits.min_c, limits.max_c), |(low, high)| (low.value().max(limits.min_c), high.value().min(limits.max_c)));
         Ok(Temperature {
@@ -77,7 +82,7 @@ impl Check<'_> {
             controls.push((
                 fixture,
                 ControlTolerance {
-                    magnitude: self.within(&field("magnitude"), tolerance.magnitude.si, (1.0e-4, 0.5), "(share)")?,
+                    magnitude_rel: self.within(&field("magnitude"), tolerance.magnitude.si, (1.0e-4, 0.5), "(share)")?,
                     phase_deg: self.within(&field("phase"), tolerance.phase.si, (0.01, 45.0), "°")?,
                 },
             ));
@@ -90,8 +95,8 @@ impl Check<'_> {
         let load = self.needs(self.bench.instruments.load.as_ref(), "load", "soc_reset")?;
         let supply = self.needs(self.bench.instruments.supply.as_ref(), "supply", "soc_reset")?;
         let limits = &self.cell.limits;
-        let load_max = load::DIALECTS.iter().find(|d| d.key() == load.model).map_or(0.0, |d| d.capabilities().max_current.value());
-        let supply_max = supply::DIALECTS.iter().find(|d| d.key() == supply.model).map_or(0.0, |d| d.capabilities().max_current.value());
+        let load_max = by_key(load::DIALECTS, &load.model).map_or(0.0, |d| d.capabilities().max_current.value());
+        let supply_max = by_key(supply::DIALECTS, &supply.model).map_or(0.0, |d| d.capabilities().max_current.value());
         let window = (limits.min_v, limits.max_v);
         // The load's own cut-off lies between the end of the discharge and the cell's limit.
         let discharge_window = (limits.min_v + LOAD_CUT_OFF_V, limits.max_v);
@@ -131,12 +136,12 @@ impl Check<'_> {
         let supply4q = self.needs(instruments.supply4q.as_ref(), "supply4q", "eis")?;
         let generator = self.needs(instruments.generator.as_ref(), "generator", "eis")?;
         self.needs(instruments.scope.as_ref(), "scope", "eis")?;
-        let generator_dialect = generator::DIALECTS.iter().find(|d| d.key() == generator.model);
+        let generator_dialect = by_key(generator::DIALECTS, &generator.model);
         let (least_hz, greatest_hz) = generator_dialect.map_or((1.0e-3, 1.0e4), |d| {
             (d.capabilities().freq_range.0.value().max(1.0e-3), d.capabilities().freq_range.1.value().min(1.0e4))
         });
         let start_hz = self.within("eis.start", raw.start.si, (least_hz, greatest_hz), "Hz")?;
-        let supply4q_capabilities = supply4q::DIALECTS.iter().find(|d| d.key() == supply4q.model).map(|d| d.capabilities());
+        let supply4q_capabilities = by_key(supply4q::DIALECTS, &supply4q.model).map(|d| d.capabilities());
         let greatest_hz = supply4q_capabilities.map_or(greatest_hz, |capabilities| capabilities.max_freq.value().min(greatest_hz));
         let stop_hz = self.within("eis.stop", raw.stop.si, (start_hz, greatest_hz), "Hz")?;
         self.within("eis.points", raw.points as f64, (2.0, 1000.0), "points")?;
@@ -170,7 +175,7 @@ impl Check<'_> {
                 self.complain("eis.points", "expected fewer points or a wider range: neighbouring frequencies are the same microhertz")
             );
         }
-        let scope = self.bench.instruments.scope.as_ref().and_then(|scope| scope::DIALECTS.iter().find(|d| d.key() == scope.model));
+        let scope = self.bench.instruments.scope.as_ref().and_then(|scope| by_key(scope::DIALECTS, &scope.model));
         let (Some(scope), Some(slowest_hz), Some(_)) = (scope, eis.freqs_hz.first(), &self.bench.simulation) else { return Ok(()) };
         let capabilities = scope.capabilities();
         let screen_s = capabilities.time_per_div(Seconds(eis.periods_on_screen / slowest_hz)).value() * capabilities.horizontal_div;

@@ -9,7 +9,10 @@ mod source;
 
 use std::path::PathBuf;
 
-use analysis::{calibration::KnownImpedance, fit::Objective};
+use analysis::{
+    calibration::{ControlTolerance, KnownImpedance},
+    fit::Objective,
+};
 use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
 
 pub(crate) use check::LOAD_CUT_OFF_V;
@@ -191,15 +194,6 @@ pub struct FixtureCheck {
     pub controls: Vec<(Fixture, ControlTolerance)>,
     /// How far a control may be off after the correction, as a share.
     pub corrected_tolerance: f64,
-}
-
-/// How far a raw reading may be off.
-#[derive(Debug, Clone, Copy)]
-pub struct ControlTolerance {
-    /// Share of the magnitude.
-    pub magnitude: f64,
-    /// Phase, degrees.
-    pub phase_deg: f64,
 }
 
 /// The reset of the state of charge (thesis 3.3.1).

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use analysis::calibration::KnownImpedance;
 use fixtures::Scenario;
-use instruments::{chiller, clock::TimeMode, generator, jig, load, logger, scope, supply, supply4q, transport::Address};
+use instruments::{chiller, clock::TimeMode, generator, instrument::Model, jig, load, logger, scope, supply, supply4q, transport::Address};
 
 use super::{Bench, Cell, ConfigError, Experiment, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw};
 use crate::interlock::Limits;
@@ -179,26 +179,30 @@ fn resolve_instruments(source: &Source, raw: &raw::Instruments) -> Result<Instru
     let resolve = |role: &str, instrument: &Option<raw::Instrument>, keys: &[&str]| {
         instrument.as_ref().map(|raw| resolve_instrument(source, role, (&raw.model, &raw.address), keys)).transpose()
     };
-    let logger_keys: Vec<&str> = logger::DIALECTS.iter().map(|dialect| dialect.key()).collect();
     let logger = raw
         .logger
         .as_ref()
         .map(|raw| {
-            resolve_instrument(source, "logger", (&raw.model, &raw.address), &logger_keys)
+            resolve_instrument(source, "logger", (&raw.model, &raw.address), &keys(logger::DIALECTS))
                 .map(|instrument| (instrument, raw.cell_channel, raw.ambient_channel))
         })
         .transpose()?;
     let jig = raw.jig.as_ref().map(|raw| resolve_jig(source, raw)).transpose()?;
     Ok(Instruments {
-        supply4q: resolve("supply4q", &raw.supply4q, &supply4q::DIALECTS.iter().map(|d| d.key()).collect::<Vec<_>>())?,
-        generator: resolve("generator", &raw.generator, &generator::DIALECTS.iter().map(|d| d.key()).collect::<Vec<_>>())?,
-        scope: resolve("scope", &raw.scope, &scope::DIALECTS.iter().map(|d| d.key()).collect::<Vec<_>>())?,
-        load: resolve("load", &raw.load, &load::DIALECTS.iter().map(|d| d.key()).collect::<Vec<_>>())?,
-        supply: resolve("supply", &raw.supply, &supply::DIALECTS.iter().map(|d| d.key()).collect::<Vec<_>>())?,
-        chiller: resolve("chiller", &raw.chiller, &chiller::DIALECTS.iter().map(|d| d.key()).collect::<Vec<_>>())?,
+        supply4q: resolve("supply4q", &raw.supply4q, &keys(supply4q::DIALECTS))?,
+        generator: resolve("generator", &raw.generator, &keys(generator::DIALECTS))?,
+        scope: resolve("scope", &raw.scope, &keys(scope::DIALECTS))?,
+        load: resolve("load", &raw.load, &keys(load::DIALECTS))?,
+        supply: resolve("supply", &raw.supply, &keys(supply::DIALECTS))?,
+        chiller: resolve("chiller", &raw.chiller, &keys(chiller::DIALECTS))?,
         logger,
         jig,
     })
+}
+
+/// The names of a role's models.
+fn keys<D: Model + ?Sized>(dialects: &[&'static D]) -> Vec<&'static str> {
+    dialects.iter().map(|dialect| dialect.key()).collect()
 }
 
 fn resolve_instrument(source: &Source, role: &str, (model, address): (&str, &str), keys: &[&str]) -> Result<Instrument, ConfigError> {

@@ -1,7 +1,7 @@
 //! One sinusoid: driven, awaited, captured, ranged again where a channel clipped or was too small, analysed.
 
 use analysis::{
-    sine::{self, Channel, CodeScale, FitOptions, Record},
+    sine::{self, Channel, FitOptions, Record},
     spectrum::ChannelPhasors,
 };
 use instruments::{
@@ -14,7 +14,7 @@ use instruments::{
 use super::{ExecuteError, Executor, require};
 use crate::{
     plan::{MAX_RANGING, Step, fixture_name},
-    record::CaptureFile,
+    record::{CaptureFile, code_scale},
 };
 
 /// The trigger watches the high side of the shunt: a large, clean copy of the current.
@@ -136,7 +136,7 @@ impl Executor<'_> {
         for channel in 1..=4 {
             waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, points).await.map_err(&error)?);
             // The current still flows: a download must not stop the watching.
-            self.watch(fixture).await?;
+            self.watch("sine", fixture).await?;
         }
         let screen_s = per_div.value() * scope_divisions;
         self.check_frame(freq_hz, &waveforms, screen_s)?;
@@ -226,19 +226,7 @@ fn analyse(
     warnings: Vec<String>,
 ) -> Result<SweepPoint, ExecuteError> {
     let fail = |reason: String| ExecuteError::Signal { freq_hz, reason };
-    let channels: Vec<Channel<'_>> = waveforms
-        .iter()
-        .map(|waveform| {
-            let preamble = &waveform.preamble;
-            let scale = CodeScale {
-                volts_per_code: preamble.volts_per_code,
-                offset_v: preamble.offset_v,
-                code_min: preamble.code_min,
-                code_max: preamble.code_max,
-            };
-            Channel::codes(&waveform.codes, scale)
-        })
-        .collect();
+    let channels: Vec<Channel<'_>> = waveforms.iter().map(|waveform| Channel::codes(&waveform.codes, code_scale(waveform))).collect();
     let interval_s = waveforms[0].interval_s;
     let record = Record { channels: &channels, interval_s };
     let periods = interval_s * waveforms[0].codes.len() as f64 * freq_hz;

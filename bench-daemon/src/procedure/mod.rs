@@ -3,7 +3,7 @@
 mod eis_sweep;
 mod soc_reset;
 
-use instruments::{mock::plant::Fixture, scope, units::Seconds};
+use instruments::{instrument::by_key, mock::plant::Fixture, scope, units::Seconds};
 
 use crate::{
     config::{Experiment, Instrument},
@@ -33,8 +33,11 @@ pub fn plan(experiment: &Experiment) -> Plan {
 
 /// The time that the scope's screen spans when it is to hold at least a given span.
 fn time_base(experiment: &Experiment) -> impl Fn(f64) -> f64 {
-    let scope = experiment.bench.instruments.scope.as_ref().and_then(|Instrument { model, .. }| {
-        scope::DIALECTS.iter().find(|dialect| dialect.key() == model).map(|dialect| dialect.capabilities())
-    });
+    let scope = experiment
+        .bench
+        .instruments
+        .scope
+        .as_ref()
+        .and_then(|Instrument { model, .. }| by_key(scope::DIALECTS, model).map(|dialect| dialect.capabilities()));
     move |span_s| scope.map_or(span_s, |capabilities| capabilities.time_per_div(Seconds(span_s)).value() * capabilities.horizontal_div)
 }
