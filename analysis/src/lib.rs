@@ -1,7 +1,7 @@
 //! Captures to sinusoids, sinusoids to impedance, impedance to a battery model. Numbers in, numbers out.
 //!
 //! In reading order: [`sine`] fits sinusoids to samples, [`calibration`] corrects the harness from the control impedances, [`spectrum`] holds
-//! complex impedances with their uncertainty, [`model`] is the extended Randles model (ERM), [`fit`] finds its parameters, [`pack`] maps a cell
+//! complex impedances with their uncertainty, [`model`] is the extended Randles model (ERM), [`fit`] finds its parameters, [`ocv`] is its voltage at rest, [`pack`] maps a cell
 //! to an SxP pack; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures.
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
@@ -11,6 +11,7 @@ pub mod dataset;
 pub mod fit;
 pub mod formats;
 pub mod model;
+pub mod ocv;
 pub mod pack;
 pub mod plot;
 pub mod report;

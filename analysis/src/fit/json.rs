@@ -4,6 +4,7 @@ use super::erm::ErmFit;
 use super::options::Objective;
 use super::uncertainty::ErmSigma;
 use crate::model::{Erm, RcBranch};
+use crate::ocv::OcvCurve;
 use crate::pack::{Pack, PackError};
 use serde::{Deserialize, Serialize};
 
@@ -115,6 +116,9 @@ pub struct ModelFile {
     pub spectra: Vec<String>,
     /// The cell's model mapped to a pack, where one was asked for.
     pub pack: Option<PackModel>,
+    /// Open-circuit voltage over state of charge, where it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ocv: Option<OcvCurve>,
 }
 
 impl ModelFile {
@@ -130,6 +134,7 @@ impl ModelFile {
             spectra,
             pack,
             fit,
+            ocv: None,
         }
     }
 
@@ -160,6 +165,9 @@ impl ModelFile {
         }
         let file: Self = serde_json::from_str(text)?;
         file.fit.erm.validate()?;
+        if let Some(ocv) = &file.ocv {
+            ocv.validate()?;
+        }
         Ok(file)
     }
 }
@@ -185,4 +193,7 @@ pub enum JsonError {
     /// A model that cannot be a cell's.
     #[error("model file: {0}")]
     Model(#[from] crate::model::ModelError),
+    /// An OCV curve that cannot be.
+    #[error("model file: {0}")]
+    Ocv(#[from] crate::ocv::OcvError),
 }

@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use super::marks::{GREY, INK, PALE, sample};
 use super::scene::{HPos, Label, Place, Shape, VPos, text_width};
-use super::{ImpedancePlot, PlotError};
+use super::{ImpedancePlot, PlotError, Series};
 
 pub(super) const TEXT: f64 = 15.0;
 const TITLE: f64 = 21.0;
@@ -67,34 +67,48 @@ impl Frame {
     }
 }
 
-/// Title, subtitle and legend from the upper edge down, and the height they take.
+/// One entry of a legend: its words, and what draws its sample about a place.
+pub(super) struct Entry<'a> {
+    pub(super) text: &'a str,
+    pub(super) sample: Box<dyn Fn(Place) -> Vec<Shape> + 'a>,
+}
+
+/// Title, subtitle and legend of an impedance plot from the upper edge down, and the height they take.
 pub(super) fn heading(plot: &ImpedancePlot, width: f64) -> Result<(Vec<Shape>, f64), PlotError> {
+    let mut entries = Vec::new();
+    for series in &plot.series {
+        if let Some(text) = series.label.as_deref() {
+            entries.push(Entry { text, sample: Box::new(move |at| sample(series, at)) });
+        }
+    }
+    strip((&plot.title, &plot.subtitle), &entries, width)
+}
+
+/// Title, subtitle and legend from the upper edge down, and the height they take.
+pub(super) fn strip((title, subtitle): (&str, &str), entries: &[Entry<'_>], width: f64) -> Result<(Vec<Shape>, f64), PlotError> {
     let mut shapes = Vec::new();
     let mut y = 16.0;
     let anchor = || (HPos::Left, VPos::Top);
-    if !plot.title.is_empty() {
-        shapes.push(Shape::Label(Label { bold: true, ..label(&plot.title, (LEFT, y), TITLE, anchor()) }));
+    if !title.is_empty() {
+        shapes.push(Shape::Label(Label { bold: true, ..label(title, (LEFT, y), TITLE, anchor()) }));
         y += TITLE + 8.0;
     }
-    if !plot.subtitle.is_empty() {
-        shapes.push(Shape::Label(Label { colour: GREY, ..label(&plot.subtitle, (LEFT, y), TEXT, anchor()) }));
+    if !subtitle.is_empty() {
+        shapes.push(Shape::Label(Label { colour: GREY, ..label(subtitle, (LEFT, y), TEXT, anchor()) }));
         y += TEXT + 10.0;
     }
     let mut x = LEFT;
-    let mut used = false;
-    for series in &plot.series {
-        let Some(text) = series.label.as_deref() else { continue };
+    for Entry { text, sample } in entries {
         let entry = 40.0 + text_width(text, TEXT)?;
-        if used && x + entry > width - RIGHT {
+        if x > LEFT && x + entry > width - RIGHT {
             x = LEFT;
             y += LINE;
         }
-        shapes.extend(sample(series, (x + 14.0, y + LINE / 2.0)));
+        shapes.extend(sample((x + 14.0, y + LINE / 2.0)));
         shapes.push(words(text, (x + 34.0, y + LINE / 2.0), TEXT, (HPos::Left, VPos::Center)));
         x += entry + 24.0;
-        used = true;
     }
-    if used {
+    if !entries.is_empty() {
         y += LINE + 4.0;
     }
     Ok((shapes, y + 6.0))

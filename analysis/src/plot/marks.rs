@@ -55,12 +55,15 @@ pub(super) fn sample(series: &Series, at: Place) -> Vec<Shape> {
     }
 }
 
-/// Five shapes of about equal area, by the colour's index.
 fn marker(series: &Series, at: Place) -> Shape {
-    let (r, colour) = (radius(series), colour(series));
+    symbol(series.colour, at, (radius(series), colour(series)))
+}
+
+/// Five shapes of about equal area, by the colour's index.
+pub(super) fn symbol(index: usize, at: Place, (r, colour): (f64, Colour)) -> Shape {
     let polygon =
         |corners: &[(f64, f64)]| Shape::Area { points: corners.iter().map(|(x, y)| (at.0 + r * x, at.1 + r * y)).collect(), colour };
-    match series.colour % 5 {
+    match index % 5 {
         0 => Shape::Disc { at, radius: r, colour },
         1 => polygon(&[(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)]),
         2 => polygon(&[(0.0, -1.3), (1.2, 0.8), (-1.2, 0.8)]),
@@ -99,7 +102,7 @@ pub(super) fn bar(series: &Series, x: f64, (y0, y1): (f64, f64)) -> Vec<Shape> {
 }
 
 /// A line without the points that crowd: the backends draw joints closer than their width as splinters.
-fn thinned(places: &[Place]) -> Vec<Place> {
+pub(super) fn thinned(places: &[Place]) -> Vec<Place> {
     let mut kept: Vec<Place> = Vec::with_capacity(places.len());
     for place in places {
         match kept.last() {

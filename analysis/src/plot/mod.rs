@@ -1,4 +1,4 @@
-//! Nyquist and Bode plots of measured and modelled impedance, SVG and PNG from one description.
+//! Nyquist and Bode plots of measured and modelled impedance, and charts of anything over anything, SVG and PNG from one description.
 //!
 //! A plot is first laid out as a list of shapes (`scene`), which plotters' backends then draw; so both formats show the same. The Nyquist
 //! plot has equal scaling of its axes, exact to the pixel, as figures 3.8 and 3.11–3.14 of the thesis. The legend stands above the axes and
@@ -9,12 +9,14 @@
 
 mod axis;
 mod bode;
+mod chart;
 mod figures;
 mod frame;
 mod marks;
 mod nyquist;
 mod scene;
 
+pub use chart::{AxisSpec, Chart, Panel, Trace, TraceStyle, chart, chart_svg};
 pub use figures::{FigureInput, fit_figure, sweeps_figure, write_thesis_figures};
 
 use crate::model::Erm;
@@ -144,6 +146,18 @@ pub enum PlotError {
         freq_hz: f64,
         /// Impedance met, Ω.
         z_ohm: Complex64,
+    },
+    /// A point of a chart that has no place on its axes.
+    #[error("chart \"{title}\", trace \"{trace}\": expected finite coordinates (above zero on a logarithmic axis), met ({x}, {y})")]
+    BadCoordinates {
+        /// The chart's title.
+        title: String,
+        /// The trace's label; empty if it has none.
+        trace: String,
+        /// Horizontal coordinate met.
+        x: f64,
+        /// Vertical coordinate met.
+        y: f64,
     },
     /// A file name that tells no known format.
     #[error("{}: expected a file name that ends in .svg or .png", path.display())]
