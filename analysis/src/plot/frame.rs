@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use super::marks::{GREY, INK, PALE, sample};
 use super::scene::{HPos, Label, Place, Shape, VPos, text_width};
-use super::{ImpedancePlot, PlotError, Series};
+use super::{ImpedancePlot, PlotError};
 
 pub(super) const TEXT: f64 = 15.0;
 const TITLE: f64 = 21.0;
