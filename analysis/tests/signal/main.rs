@@ -8,5 +8,7 @@ mod dataset;
 mod end_to_end;
 mod noise;
 mod sine;
+mod sine_bound;
 mod sine_errors;
+mod sine_model;
 mod spectrum;
