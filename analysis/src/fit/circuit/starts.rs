@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 /// The exponents of starts are drawn from here to 1.
 const LOWEST_EXPONENT: f64 = 0.5;
 /// The shares within a block differ by up to this many decades up and down.
-const SPREAD_DECADES: f64 = 0.8;
+const SPREAD_DECADES: f64 = 1.0;
 
 /// What the data tell before any fit.
 #[derive(Debug, Clone, Copy)]
@@ -88,6 +88,8 @@ impl Ranges {
         let middle = (self.z_ohm.0 * self.z_ohm.1).sqrt();
         circuit.root().visit(&mut |element| {
             let mut draw = || next.next().unwrap_or(0.5);
+            // Of a diffusion, the knee may lie far below the band and still bend what is in it.
+            let lo = if matches!(element.kind, ElementKind::Wo | ElementKind::Ws) { 0.1 * lo } else { lo };
             let omega = lo * (hi / lo).powf(draw());
             let r = middle * 10f64.powf(SPREAD_DECADES * (2.0 * draw() - 1.0));
             let exponent = |u: f64| LOWEST_EXPONENT + (1.0 - LOWEST_EXPONENT) * u;

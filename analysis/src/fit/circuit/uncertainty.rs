@@ -1,8 +1,8 @@
 //! How well the data fix the parameters of a circuit.
 //!
 //! For least squares (JᵀWJ)⁻¹, times the reduced χ² where weights say only the shape of the noise, and where they are covariances only if it
-//! exceeds one (Birge's ratio). For the sum of norms, and over whole spectra when there are more of them than parameters (the points of one sweep
-//! share its cell and its contacts), the sandwich H⁻¹BH⁻¹ of an M-estimator (Huber, 1967). A parameter held by a bound has no sigma. The inverse
+//! exceeds one (Birge's ratio). For the sum of norms, and over whole spectra when there are more of them than parameters and no covariance is stated (the points of one
+//! sweep share its cell and its contacts), the sandwich H⁻¹BH⁻¹ of an M-estimator (Huber, 1967). A parameter held by a bound has no sigma. The inverse
 //! goes through eigenvectors: where the data fix only combinations, the parameters in them get no sigma, and the others keep theirs.
 
 use super::data::Group;
@@ -46,10 +46,11 @@ impl Uncertainty {
         at.expand(x, &mut gradient, &mut hessian);
         let kept = DMatrix::from_fn(m, m, |i, j| hessian[variables[i] * x.len() + variables[j]]);
         let (bread, fixed, condition) = invert(&kept);
+        let clustered = problem.data.spectra > m && problem.data.weight != Weight::Covariance;
         let covariance = if freedom == 0 && problem.data.weight != Weight::Covariance {
             None
-        } else if norms || problem.data.spectra > m {
-            sandwich(&at, (x, &variables), &bread)
+        } else if norms || clustered {
+            sandwich(&at, (x, &variables), (&bread, clustered))
         } else {
             let ratio = problem.value(x) / freedom.max(1) as f64;
             let factor = if problem.data.weight == Weight::Covariance { ratio.max(1.0) } else { ratio };
@@ -73,6 +74,9 @@ impl Uncertainty {
 /// Inverse in the directions that are fixed, which variables have no share in the others, and the condition number.
 fn invert(a: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>, Option<f64>) {
     let m = a.nrows();
+    if m == 0 {
+        return (a.clone(), Vec::new(), None);
+    }
     // A variable without any influence gets a scale of one and a row of zeros.
     let scale: Vec<f64> = (0..m).map(|i| a[(i, i)].max(0.0).sqrt()).map(|s| if s > 0.0 && s.is_finite() { s } else { 1.0 }).collect();
     let scaled = DMatrix::from_fn(m, m, |i, j| Some(a[(i, j)] / (scale[i] * scale[j])).filter(|v| v.is_finite()).unwrap_or(0.0));
@@ -93,10 +97,9 @@ fn invert(a: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>, Option<f64>) {
     (inverse, fixed, Some(largest / least).filter(|c| least > 0.0 && c.is_finite()))
 }
 
-/// H⁻¹BH⁻¹ with the scatter B of the gradients over spectra, where there are more of them than variables, or over points.
-fn sandwich(problem: &Problem, (x, variables): (&[f64], &[usize]), bread: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+/// H⁻¹BH⁻¹ with the scatter B of the gradients over spectra (`clustered`) or over points.
+fn sandwich(problem: &Problem, (x, variables): (&[f64], &[usize]), (bread, clustered): (&DMatrix<f64>, bool)) -> Option<DMatrix<f64>> {
     let (m, spectra, numbers) = (variables.len(), problem.data.spectra, problem.data.numbers() as f64);
-    let clustered = spectra > m;
     let mut shares: Vec<Vec<f64>> = vec![vec![0.0; m]; if clustered { spectra } else { 0 }];
     problem.sweep(x, |k, z, slopes| {
         let group: &Group = &problem.data.groups[k];
