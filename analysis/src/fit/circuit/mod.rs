@@ -158,10 +158,6 @@ fn describe(problem: &Problem, values: Vec<f64>, bounds: &[(f64, f64)]) -> Circu
         uncertainty.covariance(a, b).map(|c| c * stretch[a] * stretch[b])
     };
     let objective = problem.value(&x);
-    let square = |g: &data::Group| {
-        let z = circuit.impedance(&values, g.freq_hz);
-        g.points.iter().map(|p| (z - p.z).norm_sqr()).sum::<f64>()
-    };
     let chi2 = data.weight == Weight::Covariance && data.objective != Objective::SumAbs && uncertainty.freedom > 0;
     CircuitFit {
         circuit: circuit.to_string(),
@@ -177,7 +173,7 @@ fn describe(problem: &Problem, values: Vec<f64>, bounds: &[(f64, f64)]) -> Circu
         degrees_of_freedom: uncertainty.freedom,
         reduced_chi2: chi2.then(|| objective / uncertainty.freedom as f64),
         aicc: aicc(data, objective, problem.free.len()),
-        rms_ohm: (data.groups.iter().map(square).sum::<f64>() / data.points as f64).sqrt(),
+        rms_ohm: rms_ohm(problem, &values),
         condition: uncertainty.condition,
         points: data.points,
         spectra: Vec::new(),
@@ -187,6 +183,14 @@ fn describe(problem: &Problem, values: Vec<f64>, bounds: &[(f64, f64)]) -> Circu
         warnings: Vec::new(),
         values,
     }
+}
+
+fn rms_ohm(problem: &Problem, values: &[f64]) -> f64 {
+    let square = |g: &data::Group| {
+        let z = problem.circuit.impedance(values, g.freq_hz);
+        g.points.iter().map(|p| (z - p.z).norm_sqr()).sum::<f64>()
+    };
+    (problem.data.groups.iter().map(square).sum::<f64>() / problem.data.points as f64).sqrt()
 }
 
 fn state(problem: &Problem, i: usize, value: f64, (lower, upper): (f64, f64)) -> State {

@@ -166,43 +166,55 @@ impl Starter<'_> {
     fn scale(&self, parameters: &mut [f64]) -> f64 {
         let single = std::slice::from_ref(self.circuit.root());
         let blocks: &[Node] = if let Node::Series(blocks) = self.circuit.root() { blocks } else { single };
-        let level = |i: &usize| matches!(self.circuit.parameter_kinds()[*i].role, Role::Level | Role::InverseLevel);
-        let free = |block: &&Node| !self.given.iter().any(|(i, _)| block.range().contains(i) && level(i));
-        let scaled: Vec<&Node> = blocks.iter().filter(free).take(MAX_UNKNOWNS).collect();
-        let n = scaled.len();
-        let shapes: Vec<Vec<Complex64>> = scaled.iter().map(|block| self.response(block, parameters)).collect();
-        let greatest = |shape: &Vec<Complex64>| shape.iter().map(|z| z.norm()).fold(f64::MIN_POSITIVE, f64::max);
-        let sizes: Vec<f64> = shapes.iter().map(greatest).collect();
-        let mut rest = vec![Complex64::ZERO; self.data.groups.len()];
-        for block in blocks.iter().filter(|block| !scaled.iter().any(|s| std::ptr::eq(*s, *block))) {
-            rest.iter_mut().zip(self.response(block, parameters)).for_each(|(sum, z)| *sum += z);
+        let (free, given): (Vec<&Node>, Vec<&Node>) = blocks.iter().partition(|block| self.can_be_scaled(block));
+        let scaled = &free[..free.len().min(MAX_UNKNOWNS)];
+        // Each block with its greatest impedance at one, so that all factors are Ω of the same size.
+        let mut shapes: Vec<Vec<Complex64>> = scaled.iter().map(|block| self.response(block, parameters)).collect();
+        let mut factors: Vec<f64> = Vec::with_capacity(scaled.len());
+        for shape in &mut shapes {
+            let size = shape.iter().map(|z| z.norm()).fold(f64::MIN_POSITIVE, f64::max);
+            shape.iter_mut().for_each(|z| *z /= size);
+            factors.push(1.0 / size);
         }
+        let mut missing: Vec<Complex64> = self.data.groups.iter().map(|g| g.mean).collect();
+        for block in given.iter().chain(&free[scaled.len()..]) {
+            missing.iter_mut().zip(self.response(block, parameters)).for_each(|(rest, z)| *rest -= z);
+        }
+        let levels = self.best_levels(&shapes, &missing);
+        for ((block, factor), level) in scaled.iter().zip(factors).zip(levels) {
+            for i in block.range() {
+                match self.circuit.parameter_kinds()[i].role {
+                    Role::Level => parameters[i] *= factor * level,
+                    Role::InverseLevel => parameters[i] /= factor * level,
+                    Role::Time | Role::Exponent | Role::Length => {}
+                }
+            }
+        }
+        let model = |k: usize| shapes.iter().zip(levels).map(|(shape, level)| shape[k] * level).sum::<Complex64>();
+        self.data.groups.iter().enumerate().map(|(k, g)| quadratic(&g.weight, model(k) - missing[k])).sum()
+    }
+
+    fn can_be_scaled(&self, block: &Node) -> bool {
+        let level = |i: usize| matches!(self.circuit.parameter_kinds()[i].role, Role::Level | Role::InverseLevel);
+        !self.given.iter().any(|(i, _)| block.range().contains(i) && level(*i))
+    }
+
+    /// The factors of the shapes that leave the least weighted squares.
+    fn best_levels(&self, shapes: &[Vec<Complex64>], missing: &[Complex64]) -> [f64; MAX_UNKNOWNS] {
+        let n = shapes.len();
         let mut problem = BoxQuadratic::new(n);
         for (k, group) in self.data.groups.iter().enumerate() {
-            for i in 0..n {
-                let [x, y] = apply(&group.weight, shapes[i][k] / sizes[i]);
-                let missing = group.mean - rest[k];
-                problem.c[i] += x * missing.re + y * missing.im;
-                for j in 0..n {
-                    let z = shapes[j][k] / sizes[j];
-                    problem.q[i][j] += x * z.re + y * z.im;
+            for (i, shape) in shapes.iter().enumerate() {
+                let [x, y] = apply(&group.weight, shape[k]);
+                problem.c[i] += x * missing[k].re + y * missing[k].im;
+                for (q, other) in problem.q[i].iter_mut().zip(shapes) {
+                    *q += x * other[k].re + y * other[k].im;
                 }
             }
         }
         problem.lo[..n].fill(1e-3 * self.ranges.z_ohm.0);
         problem.hi[..n].fill(10.0 * self.ranges.z_ohm.1);
-        let solution = problem.solve();
-        for ((block, factor), size) in scaled.iter().zip(solution).zip(&sizes) {
-            for i in block.range() {
-                match self.circuit.parameter_kinds()[i].role {
-                    Role::Level => parameters[i] *= factor / size,
-                    Role::InverseLevel => parameters[i] /= factor / size,
-                    Role::Time | Role::Exponent | Role::Length => {}
-                }
-            }
-        }
-        let model = |k: usize| rest[k] + (0..n).map(|i| shapes[i][k] * (solution[i] / sizes[i])).sum::<Complex64>();
-        self.data.groups.iter().enumerate().map(|(k, g)| quadratic(&g.weight, model(k) - g.mean)).sum()
+        problem.solve()
     }
 
     fn response(&self, block: &Node, parameters: &[f64]) -> Vec<Complex64> {

@@ -149,6 +149,14 @@ impl ElementKind {
                 slopes[1] = -z * logarithm(omega);
                 z
             }
+            _ => self.expand_with_time(p, omega, slopes),
+        }
+    }
+
+    /// As [`ElementKind::expand`], for the kinds that have a time constant.
+    fn expand_with_time(self, p: &[f64], omega: f64, slopes: &mut [Complex64]) -> Complex64 {
+        let s = Complex64::new(0.0, omega);
+        match (self, p) {
             (Self::Wo, &[z0, tau]) => {
                 let q = root(omega * tau);
                 let quotient = coth(q) / q;

@@ -230,31 +230,15 @@ pub(super) fn assignments(circuit: &Circuit, what: &'static str, text: &str) -> 
     loop {
         cursor.skip_blanks();
         let start = cursor.index;
-        let name = cursor.run(|c| c.is_alphanumeric() || c == '_');
-        let Some(index) = circuit.parameter_names().iter().position(|known| *known == name) else {
-            let expected = format!("one of the parameters {}", circuit.parameter_names().join(", "));
-            return Err(if name.is_empty() { cursor.fail(&expected) } else { cursor.fail_at(start, &expected, format!("{name:?}")) });
-        };
+        let index = parameter(&mut cursor, circuit)?;
         if found.iter().any(|(known, _)| *known == index) {
+            let name = &circuit.parameter_names()[index];
             return Err(cursor.fail_at(start, "each parameter once", format!("{name:?} again")));
         }
         if !cursor.take('=') {
             return Err(cursor.fail("\"=\" and a value"));
         }
-        cursor.skip_blanks();
-        let at = cursor.index;
-        let digits = cursor.run(|c| c != ',' && !c.is_whitespace());
-        let (lower, upper) = circuit.parameter_kinds()[index].bounds;
-        let value = digits.parse::<f64>().ok().filter(|value| (lower..=upper).contains(value));
-        let Some(value) = value else {
-            let unit = circuit.parameter_kinds()[index].unit;
-            return Err(cursor.fail_at(
-                at,
-                &format!("a value of {name} from {lower:e} to {upper:e} {unit}").trim_end().to_owned(),
-                format!("{digits:?}"),
-            ));
-        };
-        found.push((index, value));
+        found.push((index, value(&mut cursor, circuit, index)?));
         if !cursor.take(',') {
             break;
         }
@@ -263,4 +247,28 @@ pub(super) fn assignments(circuit: &Circuit, what: &'static str, text: &str) -> 
         None => Ok(found),
         Some(_) => Err(cursor.fail("\",\" or the end")),
     }
+}
+
+/// The index of the parameter whose name comes next.
+fn parameter(cursor: &mut Cursor, circuit: &Circuit) -> Result<usize, ParseError> {
+    let start = cursor.index;
+    let name = cursor.run(|c| c.is_alphanumeric() || c == '_');
+    let known = circuit.parameter_names();
+    known.iter().position(|known| *known == name).ok_or_else(|| {
+        let expected = format!("one of the parameters {}", known.join(", "));
+        if name.is_empty() { cursor.fail(&expected) } else { cursor.fail_at(start, &expected, format!("{name:?}")) }
+    })
+}
+
+/// The value of a parameter, within its physical range.
+fn value(cursor: &mut Cursor, circuit: &Circuit, index: usize) -> Result<f64, ParseError> {
+    cursor.skip_blanks();
+    let start = cursor.index;
+    let digits = cursor.run(|c| c != ',' && !c.is_whitespace());
+    let kind = &circuit.parameter_kinds()[index];
+    let (lower, upper) = kind.bounds;
+    digits.parse::<f64>().ok().filter(|value| (lower..=upper).contains(value)).ok_or_else(|| {
+        let expected = format!("a value of {} from {lower:e} to {upper:e} {}", circuit.parameter_names()[index], kind.unit);
+        cursor.fail_at(start, expected.trim_end(), format!("{digits:?}"))
+    })
 }

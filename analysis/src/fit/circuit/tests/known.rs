@@ -25,7 +25,9 @@ fn open(z0: f64, x: Complex64) -> Complex64 {
 }
 
 /// Circuit, its parameters, the band in Hz, and the impedance by the formulas of a textbook.
-const CIRCUITS: [(&str, &[f64], (f64, f64), Truth); 5] = [
+type Known = (&'static str, &'static [f64], (f64, f64), Truth);
+
+const CIRCUITS: [Known; 5] = [
     ("R0-p(R1,C1)-p(R2,C2)", &[0.007, 0.0017, 1.2, 0.0026, 200.0], (0.05, 1e3), |f| {
         0.007 + parallel(0.0017.into(), 1.0 / (s(f) * 1.2)) + parallel(0.0026.into(), 1.0 / (s(f) * 200.0))
     }),
@@ -48,7 +50,8 @@ fn exact_data_give_the_circuit_back() {
     for (text, truth, band, z) in CIRCUITS {
         let spectrum = noisy(z, &frequencies(band, 40), (0.0, &mut Rng::new(0)));
         for search in [Search::Starts, Search::Evolution] {
-            let fit = fit_circuit(&[spectrum.clone()], &parse(text), &CircuitOptions { search, ..CircuitOptions::default() }).unwrap();
+            let fit = fit_circuit(std::slice::from_ref(&spectrum), &parse(text), &CircuitOptions { search, ..CircuitOptions::default() })
+                .unwrap();
             for ((name, met), expected) in fit.names.iter().zip(&fit.values).zip(truth) {
                 assert!((met / expected - 1.0).abs() < 1e-6, "{text}, {search:?}, {name}: expected {expected}, met {met}");
             }
@@ -116,7 +119,8 @@ fn equal_blocks_stand_by_rising_time_constant() {
     let (text, _, band, z) = CIRCUITS[0];
     let spectrum = untold(noisy(z, &frequencies(band, 40), (0.001, &mut Rng::new(1))));
     for seed in 0..10 {
-        let fit = fit_circuit(&[spectrum.clone()], &parse(text), &CircuitOptions { seed, ..CircuitOptions::default() }).unwrap();
+        let fit =
+            fit_circuit(std::slice::from_ref(&spectrum), &parse(text), &CircuitOptions { seed, ..CircuitOptions::default() }).unwrap();
         assert!(fit.values[1] * fit.values[2] < fit.values[3] * fit.values[4], "{:?}", fit.values);
         assert!((fit.values[2] / 1.2 - 1.0).abs() < 0.05, "{:?}", fit.values);
     }
@@ -133,7 +137,7 @@ fn what_the_data_do_not_fix_is_said() {
     let (_, _, band, z) = CIRCUITS[0];
     let mut rng = Rng::new(2);
     let spectrum = noisy(z, &frequencies(band, 40), (0.003, &mut rng));
-    let fit = |text: &str| fit_circuit(&[spectrum.clone()], &parse(text), &CircuitOptions::default()).unwrap();
+    let fit = |text: &str| fit_circuit(std::slice::from_ref(&spectrum), &parse(text), &CircuitOptions::default()).unwrap();
     // Two resistors in series: only their sum is fixed. The other parameters keep their sigma.
     let twice = fit("R0-R3-p(R1,C1)-p(R2,C2)");
     assert_eq!((twice.sigmas[0], twice.sigmas[1]), (None, None), "{:?}", twice.sigmas);
