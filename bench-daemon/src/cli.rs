@@ -22,6 +22,8 @@ Examples:
     eis-bench mock configs/benches/demo.toml --json
   Fit the extended Randles model to spectra from anywhere:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
+  Fit any equivalent circuit, without start values:
+    eis-bench fit SPECTRUM.csv --circuit 'R0-p(R1,C1)-p(R2-Wo1,CPE1)'
 
 Exit codes:
   0  done
@@ -54,7 +56,7 @@ enum Command {
     Mock(MockArgs),
     /// Ask every instrument of a bench who it is. Changes nothing on any of them.
     Identify(IdentifyArgs),
-    /// Fit the extended Randles model to spectra.
+    /// Fit the extended Randles model, or any equivalent circuit, to spectra.
     Fit(FitArgs),
 }
 
@@ -128,6 +130,9 @@ pub struct FitArgs {
     /// What is minimised: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only) or `complex` (least squares).
     #[arg(long, default_value = "complex")]
     pub objective: String,
+    /// A circuit instead of the extended Randles model, and how to fit it.
+    #[command(flatten)]
+    pub circuit: command::fit_circuit::CircuitArgs,
     /// Seed of the global search.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,

@@ -2,8 +2,9 @@
 //!
 //! [`fit_erm`] pools the spectra, searches globally over the time constants (the resistances are linear once these are held), polishes the
 //! distinct basins to the last digits within the bounds, and says how well the data fix each parameter. It needs no start values. Which order
-//! is worth having is for the caller to judge from the figures of several fits.
+//! is worth having is for the caller to judge from the figures of several fits. [`fit_circuit`] does the same for any equivalent circuit.
 
+mod circuit;
 mod erm;
 mod global;
 mod json;
@@ -16,6 +17,7 @@ mod rng;
 mod uncertainty;
 mod warnings;
 
+pub use circuit::{CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit};
 pub use erm::{ErmFit, fit_erm};
 pub use global::{DeOptions, Member, Strategy, differential_evolution};
 pub use json::{FitEntry, FitReport, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile, PackModel};

@@ -5,6 +5,7 @@ mod architecture;
 mod configuration;
 mod demo;
 mod fit;
+mod fit_circuit;
 mod kill;
 mod mock_process;
 mod ranging;
