@@ -143,7 +143,7 @@ impl Profile {
         (1..self.time_s.len()).flat_map(move |k| {
             let (t0, t1, v0) = (self.time_s[k - 1], self.time_s[k], self.value[k - 1]);
             let v1 = if self.interpolation == Interpolation::Linear { self.value[k] } else { v0 };
-            let parts = ((t1 - t0) / max_step_s * (1.0 - 1e-9)).ceil().max(1.0);
+            let parts = if t1 - t0 <= max_step_s { 1.0 } else { ((t1 - t0) / max_step_s * (1.0 - 1e-9)).ceil().max(1.0) };
             let at = move |part: f64| v0 + (v1 - v0) * part / parts;
             (0..parts as u64).map(move |part| {
                 let part = part as f64;

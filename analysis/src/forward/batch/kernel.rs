@@ -2,7 +2,7 @@
 //!
 //! Products and sums are not fused, so that every machine gets the same bits.
 
-use super::lanes::{LaneGains, Lanes, Row};
+use super::lanes::{LaneGains, Lanes, Now};
 use super::plan::Plan;
 use crate::forward::law::{Beyond, Demand};
 
@@ -24,46 +24,71 @@ pub(super) fn run<const W: usize, const N: usize>(lanes: &mut Lanes<'_, W, N>, p
 
 fn by_ocv<const W: usize, const N: usize, const LAW: u8>(lanes: &mut Lanes<'_, W, N>, plan: &Plan, curved: bool) {
     let arch = pulp::Arch::new();
-    if curved { arch.dispatch(|| all::<W, N, LAW, true>(lanes, plan)) } else { arch.dispatch(|| all::<W, N, LAW, false>(lanes, plan)) }
+    if curved { arch.dispatch(All::<W, N, LAW, true>(lanes, plan)) } else { arch.dispatch(All::<W, N, LAW, false>(lanes, plan)) }
+}
+
+/// The loop as something to dispatch. A closure would not be inlined into the function that has the machine's vectors.
+struct All<'l, 'c, const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(&'l mut Lanes<'c, W, N>, &'l Plan);
+
+impl<const W: usize, const N: usize, const LAW: u8, const CURVED: bool> pulp::WithSimd for All<'_, '_, W, N, LAW, CURVED> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        all::<W, N, LAW, CURVED>(self.0, self.1);
+    }
 }
 
 #[inline(always)]
 fn all<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(lanes: &mut Lanes<'_, W, N>, plan: &Plan) {
     let (fraction, gains) =
         (if let Beyond::Extrapolate { fraction } = plan.beyond { fraction } else { 1.0 }, std::mem::take(&mut lanes.gains));
+    // A copy of its own, which the compiler can keep in registers.
+    let mut now = lanes.now;
     for (index, step) in plan.steps.iter().enumerate() {
         let gain = &gains[step.length as usize];
-        let left = advance::<W, N, LAW, CURVED>(lanes, gain, (step.demand, index as f64, fraction));
+        let left = advance::<W, N, LAW, CURVED>((lanes, &mut now), gain, (step.demand, index as f64, fraction));
         if CURVED && left {
+            lanes.now = now;
             lanes.find_pieces();
+            now = lanes.now;
         }
     }
+    lanes.now = now;
     lanes.gains = gains;
 }
 
 /// One step of all lanes; true when one has left its piece of the OCV curve.
 #[inline(always)]
 fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
-    lanes: &mut Lanes<'_, W, N>,
+    (lanes, now): (&Lanes<'_, W, N>, &mut Now<W, N>),
     g: &LaneGains<W, N>,
     ((from, to), index, fraction): ((f64, f64), f64, f64),
 ) -> bool {
     let mut left = false;
     for l in 0..W {
-        let rest = sum(&lanes.v, l);
-        let e0 = ocv::<W, N, CURVED>(lanes, l, lanes.soc[l]) - rest;
+        // OCV − Σv is carried from step to step: summing the branches anew would make the next root wait for them.
+        let e0 = now.e[l];
         let (i0, short0) = current::<W, N, LAW>(lanes, l, (e0, from * lanes.scale[l], fraction));
         let mut kept = 0.0;
         for k in 0..N {
-            kept += g.decay[k][l] * lanes.v[k][l];
+            kept += g.decay[k][l] * now.v[k][l];
         }
-        let e1 = ocv::<W, N, CURVED>(lanes, l, lanes.soc[l] - g.soc[l] * i0) - (kept + g.held[l] * i0);
+        let e1 = ocv::<W, N, CURVED>(lanes, l, now.soc[l] - g.soc[l] * i0) - kept - g.held[l] * i0;
         let (i1, short1) = current::<W, N, LAW>(lanes, l, (e1, to * lanes.scale[l], fraction));
+        let mut rest = 0.0;
         for k in 0..N {
-            lanes.v[k][l] = g.decay[k][l] * lanes.v[k][l] + g.start[k][l] * i0 + g.end[k][l] * i1;
+            let begun = g.decay[k][l] * now.v[k][l] + g.start[k][l] * i0;
+            rest += begun;
+            now.v[k][l] = begun + g.end[k][l] * i1;
         }
+        if CURVED {
+            now.soc[l] -= 0.5 * g.soc[l] * (i0 + i1);
+            left |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
+        }
+        now.e[l] = ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - rest - g.ends[l] * i1;
         let (ccv0, ccv1) = (e0 - lanes.r[l] * i0, e1 - lanes.r[l] * i1);
-        let t = &mut lanes.tally;
+        let t = &mut now.tally;
         t.charge[l] += 0.5 * g.step_s * (i0 + i1);
         t.energy[l] += 0.5 * g.step_s * (i0 * ccv0 + i1 * ccv1);
         let (inner0, inner1) = (ccv0 + lanes.interconnect[l] * i0, ccv1 + lanes.interconnect[l] * i1);
@@ -73,21 +98,8 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
         t.max_inner[l] = more(t.max_inner[l], more(inner0, inner1));
         t.least_e[l] = less(t.least_e[l], less(e0, e1));
         t.infeasible[l] = less(t.infeasible[l], if short0 | short1 { index } else { f64::INFINITY });
-        if CURVED {
-            lanes.soc[l] -= 0.5 * g.soc[l] * (i0 + i1);
-            left |= (lanes.soc[l] < lanes.ocv.from[l]) | (lanes.soc[l] > lanes.ocv.to[l]);
-        }
     }
     left
-}
-
-#[inline(always)]
-fn sum<const W: usize, const N: usize>(v: &[Row<W>; N], l: usize) -> f64 {
-    let mut total = 0.0;
-    for row in v {
-        total += row[l];
-    }
-    total
 }
 
 #[inline(always)]
@@ -114,11 +126,16 @@ fn current<const W: usize, const N: usize, const LAW: u8>(
         return (e / (lanes.r[l] + demand), false);
     }
     let (square, asked) = (e * e, 4.0 * lanes.r[l] * demand);
-    let radicand = square - asked;
-    let root = (e - more(radicand, 0.0).sqrt()) * lanes.half[l];
-    let on_tangent = LAW == TANGENT && asked > fraction * square;
-    let tangent = if LAW == TANGENT { lanes.tangent.0 * demand / e - lanes.tangent.1[l] * e } else { 0.0 };
-    (if on_tangent { tangent } else { root }, radicand < 0.0)
+    let short = asked > square;
+    // Compared anew below: the root must not wait for the verdict.
+    let root = (square - asked).max(0.0).sqrt();
+    if LAW != TANGENT {
+        return ((e - root) * lanes.half[l], short);
+    }
+    // One division for both, so that nothing branches and all lanes go on together.
+    let on_tangent = asked > fraction * square;
+    let over = lanes.tangent.0 * demand - lanes.tangent.1[l] * square;
+    ((if on_tangent { over } else { 2.0 * demand }) / (if on_tangent { e } else { e + root }), short)
 }
 
 /// The smaller one; `f64::min` would also ask for NaN.

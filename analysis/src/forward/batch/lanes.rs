@@ -18,6 +18,8 @@ pub(super) struct LaneGains<const W: usize, const N: usize> {
     pub(super) end: [Row<W>; N],
     /// Σ of `start` and `end` over the branches, Ω.
     pub(super) held: Row<W>,
+    /// Σ of `end` over the branches, Ω.
+    pub(super) ends: Row<W>,
     /// SOC per ampere over the step.
     pub(super) soc: Row<W>,
     pub(super) step_s: f64,
@@ -43,11 +45,19 @@ pub(super) struct Lanes<'a, const W: usize, const N: usize> {
     pub(super) scale: Row<W>,
     /// 1/c and (1 − c)²/4cR of the tangent, c = √(1 − P₀/P*).
     pub(super) tangent: (f64, Row<W>),
-    pub(super) v: [Row<W>; N],
-    pub(super) soc: Row<W>,
+    pub(super) now: Now<W, N>,
     pub(super) ocv: OcvPiece<W>,
     pub(super) curves: [Option<(&'a OcvCurve, f64)>; W],
     pub(super) gains: Vec<LaneGains<W, N>>,
+}
+
+/// What changes with every step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Now<const W: usize, const N: usize> {
+    pub(super) v: [Row<W>; N],
+    pub(super) soc: Row<W>,
+    /// OCV − Σvₖ, V.
+    pub(super) e: Row<W>,
     pub(super) tally: Tally<W>,
 }
 
@@ -90,12 +100,15 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
             interconnect: row(&|c| c.model.pack.interconnect_ohm),
             scale: row(&|c| c.scale),
             tangent: (1.0 / c, r.map(|r| (1.0 - c) * (1.0 - c) / (4.0 * c * r))),
-            v: std::array::from_fn(|k| row(&|c| c.state.v_rc_v.get(k).copied().unwrap_or(0.0))),
-            soc: row(&|c| c.state.soc),
+            now: Now {
+                v: std::array::from_fn(|k| row(&|c| c.state.v_rc_v.get(k).copied().unwrap_or(0.0))),
+                soc: row(&|c| c.state.soc),
+                e: row(&|c| c.model.ocv_v(c.state.soc).0 - c.state.v_rc_v.iter().sum::<f64>()),
+                tally: Tally::new(),
+            },
             ocv: flat,
             curves,
             gains: plan.lengths_s.iter().map(|h| gains(&cell, *h)).collect(),
-            tally: Tally::new(),
         };
         lanes.find_pieces();
         lanes
@@ -106,13 +119,15 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
     pub(super) fn find_pieces(&mut self) {
         for l in 0..W {
             if let Some((curve, series)) = self.curves[l] {
-                self.ocv.set(l, (curve, series), self.soc[l]);
+                self.ocv.set(l, (curve, series), self.now.soc[l]);
+                let branches: f64 = self.now.v.iter().map(|v| v[l]).sum();
+                self.now.e[l] = series * curve.voltage_v(self.now.soc[l]) - branches;
             }
         }
     }
 
     pub(super) fn outcome(&self, l: usize, cell: &BatchCell<'_>, plan: &Plan) -> BatchOutcome {
-        let t = &self.tally;
+        let t = &self.now.tally;
         let first = t.infeasible[l];
         let infeasible_s = first.is_finite().then(|| plan.time_s(first as usize));
         let series = f64::from(cell.model.pack.series);
@@ -125,7 +140,7 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
             energy_j: t.energy[l],
             charge_c: t.charge[l],
             infeasible_s: infeasible_s.filter(|_| plan.demand == Demand::Power),
-            end: SimState { soc: self.soc[l], v_rc_v: self.v.iter().take(branches).map(|v| v[l]).collect() },
+            end: SimState { soc: self.now.soc[l], v_rc_v: self.now.v.iter().take(branches).map(|v| v[l]).collect() },
             collapsed: plan.demand == Demand::Power && t.least_e[l] <= 0.0,
         }
     }
@@ -182,6 +197,7 @@ fn gains<'a, const W: usize, const N: usize>(cell: &impl Fn(usize) -> BatchCell<
         start: gain.map(|row| row.map(|g| g.start)),
         end: gain.map(|row| row.map(|g| g.end)),
         held: std::array::from_fn(|l| gain.iter().map(|row| row[l].start + row[l].end).sum()),
+        ends: std::array::from_fn(|l| gain.iter().map(|row| row[l].end).sum()),
         soc: std::array::from_fn(|l| step_s / cell(l).model.capacity_c()),
         step_s,
     }

@@ -34,9 +34,9 @@ impl Plan {
         plan.steps.reserve(profile.time_s.len());
         let mut known = std::collections::HashMap::new();
         let mut last = (f64::NAN, 0u32);
-        for piece in profile.pieces(options.max_step_s) {
-            let rounded_s = (piece.step_s / quantum).round().max(1.0) * quantum;
-            if rounded_s != last.0 {
+        profile.pieces(options.max_step_s).for_each(|piece| {
+            if (piece.step_s - last.0).abs() > 0.5 * quantum || last.0.is_nan() {
+                let rounded_s = (piece.step_s / quantum).round().max(1.0) * quantum;
                 let next = plan.lengths_s.len() as u32;
                 let length = *known.entry(rounded_s.to_bits()).or_insert(next);
                 if length == next {
@@ -45,7 +45,7 @@ impl Plan {
                 last = (rounded_s, length);
             }
             plan.steps.push(PlanStep { demand: (piece.from, piece.to), length: last.1 });
-        }
+        });
         plan
     }
 
