@@ -56,6 +56,8 @@ enum Command {
     Identify(IdentifyArgs),
     /// Fit the extended Randles model to spectra.
     Fit(FitArgs),
+    /// Size a pack of cells.
+    Pack(command::pack::PackArgs),
 }
 
 /// Arguments of `run`.
@@ -153,6 +155,7 @@ pub fn main() -> ExitCode {
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),
         Command::Fit(args) => command::fit::fit(&args),
+        Command::Pack(args) => command::pack::pack(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
