@@ -58,6 +58,8 @@ enum Command {
     Identify(IdentifyArgs),
     /// Fit the extended Randles model, or any equivalent circuit, to spectra.
     Fit(FitArgs),
+    /// Size a pack of cells.
+    Pack(command::pack::PackArgs),
 }
 
 /// Arguments of `run`.
@@ -158,6 +160,7 @@ pub fn main() -> ExitCode {
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),
         Command::Fit(args) => command::fit::fit(&args),
+        Command::Pack(args) => command::pack::pack(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -4,6 +4,8 @@ pub mod fit;
 pub mod fit_circuit;
 pub mod identify;
 pub mod mock;
+pub mod pack;
+pub mod pack_size;
 pub mod plan;
 pub mod run;
 

@@ -1,0 +1,28 @@
+//! `eis-bench pack`: what a pack of cells can do.
+
+use clap::{Args, Subcommand};
+
+use super::{Failure, pack_size};
+
+/// Arguments of `pack`.
+#[derive(Debug, Args)]
+pub struct PackArgs {
+    #[command(subcommand)]
+    command: PackCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum PackCommand {
+    /// Peak, crossing and regeneration power by the simple-IR model, and how warm the cells get.
+    Size(pack_size::SizeArgs),
+}
+
+/// Runs a subcommand of `pack`.
+///
+/// # Errors
+/// As the subcommands.
+pub fn pack(args: &PackArgs) -> Result<(), Failure> {
+    match &args.command {
+        PackCommand::Size(args) => pack_size::size(args),
+    }
+}
