@@ -5,11 +5,11 @@
 //! when there are more of them than parameters, because the points of one sweep share its cell and its contacts, else over points. A parameter
 //! held by a bound has no sigma.
 
-use super::erm::log_bounds;
 use super::linalg::invert;
 use super::local::Smooth;
 use super::options::{FitOptions, Objective};
 use super::problem::{Group, Problem, impedance};
+use super::search::log_bounds;
 use crate::model::Erm;
 use serde::{Deserialize, Serialize};
 
