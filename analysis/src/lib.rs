@@ -8,6 +8,7 @@
 
 pub mod calibration;
 pub mod dataset;
+pub mod drt;
 pub mod fit;
 pub mod formats;
 pub mod model;
@@ -17,3 +18,4 @@ pub mod plot;
 pub mod report;
 pub mod sine;
 pub mod spectrum;
+pub mod validity;

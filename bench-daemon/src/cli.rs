@@ -22,6 +22,8 @@ Examples:
     eis-bench mock configs/benches/demo.toml --json
   Fit the extended Randles model to spectra from anywhere:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
+  May these spectra be believed? Kramers–Kronig and more, with pictures:
+    eis-bench kk SPECTRUM.csv --drt --out FOLDER
 
 Exit codes:
   0  done
@@ -56,6 +58,8 @@ enum Command {
     Identify(IdentifyArgs),
     /// Fit the extended Randles model to spectra.
     Fit(FitArgs),
+    /// Test spectra: Kramers–Kronig, Z-HIT, linearity, stationarity; distribution of relaxation times.
+    Kk(command::kk::KkArgs),
 }
 
 /// Arguments of `run`.
@@ -153,6 +157,7 @@ pub fn main() -> ExitCode {
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),
         Command::Fit(args) => command::fit::fit(&args),
+        Command::Kk(args) => command::kk::kk(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -2,6 +2,7 @@
 
 pub mod fit;
 pub mod identify;
+pub mod kk;
 pub mod mock;
 pub mod plan;
 pub mod run;
