@@ -9,6 +9,7 @@
 
 pub mod calibration;
 pub mod dataset;
+pub mod drt;
 pub mod fit;
 pub mod formats;
 pub mod forward;
@@ -19,3 +20,4 @@ pub mod plot;
 pub mod report;
 pub mod sine;
 pub mod spectrum;
+pub mod validity;

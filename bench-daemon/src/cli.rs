@@ -24,6 +24,8 @@ Examples:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
   Fit any equivalent circuit, without start values:
     eis-bench fit SPECTRUM.csv --circuit 'R0-p(R1,C1)-p(R2-Wo1,CPE1)'
+  May these spectra be believed? Kramers–Kronig and more, with pictures:
+    eis-bench kk SPECTRUM.csv --drt --out FOLDER
 
 Exit codes:
   0  done
@@ -60,6 +62,8 @@ enum Command {
     Fit(FitArgs),
     /// Size a pack of cells.
     Pack(command::pack::PackArgs),
+    /// Test spectra: Kramers–Kronig, Z-HIT, linearity, stationarity; distribution of relaxation times.
+    Kk(command::kk::KkArgs),
 }
 
 /// Arguments of `run`.
@@ -161,6 +165,7 @@ pub fn main() -> ExitCode {
         Command::Identify(args) => command::identify::identify(&args),
         Command::Fit(args) => command::fit::fit(&args),
         Command::Pack(args) => command::pack::pack(&args),
+        Command::Kk(args) => command::kk::kk(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

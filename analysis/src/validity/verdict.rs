@@ -1,0 +1,200 @@
+//! What the tests say together, in words: one verdict per point, one per spectrum.
+
+use super::assess::Record;
+use super::kramers_kronig::{KkOutcome, KramersKronig};
+use super::linearity::Linearity;
+use super::stationarity::Stationarity;
+use super::z_hit::ZHit;
+use super::{DOUBTFUL_RATE, FALSE_ALARM_RATE};
+use serde::Serialize;
+use std::fmt;
+
+/// Share of the false-alarm rate that Z-HIT has.
+const Z_HIT_SHARE: f64 = 0.3;
+/// An error of Z that its record makes possible, %: doubtful above the first, bad above the second.
+const RECORD_ERROR_PERCENT: (f64, f64) = (0.3, 1.0);
+
+/// How far a number may be believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Grade {
+    /// Nothing speaks against it.
+    Good,
+    /// Something does, but chance or a small effect could explain it.
+    Doubtful,
+    /// It is wrong, or was measured on something that was not linear or did not stay the same.
+    Bad,
+}
+
+impl fmt::Display for Grade {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Good => "good",
+            Self::Doubtful => "doubtful",
+            Self::Bad => "bad",
+        })
+    }
+}
+
+/// The verdict on one point.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PointVerdict {
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// How far it may be believed.
+    pub grade: Grade,
+    /// Why not further, in words.
+    pub reasons: Vec<String>,
+}
+
+/// The verdict on a spectrum.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SpectrumVerdict {
+    /// How far it may be believed: bad if a point is, unless only single points are, which makes it doubtful.
+    pub grade: Grade,
+    /// One sentence or more.
+    pub text: String,
+    /// Lowest and highest frequency between which no more than single points are bad, Hz; none if there is no such band.
+    pub valid_band_hz: Option<(f64, f64)>,
+    /// The points, by rising frequency.
+    pub points: Vec<PointVerdict>,
+}
+
+/// What the tests found of one spectrum.
+pub(super) struct Findings<'a> {
+    pub(super) kk: &'a KramersKronig,
+    pub(super) z_hit: &'a ZHit,
+    pub(super) linearity: Option<&'a Linearity>,
+    pub(super) stationarity: Option<&'a Stationarity>,
+    pub(super) records: &'a [Record],
+}
+
+impl PointVerdict {
+    fn add(&mut self, grade: Grade, reason: String) {
+        self.grade = self.grade.max(grade);
+        self.reasons.push(reason);
+    }
+}
+
+pub(super) fn verdict(findings: &Findings<'_>) -> SpectrumVerdict {
+    let points: Vec<PointVerdict> = (0..findings.kk.points.len()).map(|k| point(findings, k)).collect();
+    let valid_band_hz = valid_band(&points, findings.kk.outcome);
+    let bad: Vec<usize> = (0..points.len()).filter(|k| points[*k].grade == Grade::Bad).collect();
+    let doubtful = points.iter().any(|p| p.grade == Grade::Doubtful);
+    let whole = valid_band_hz.is_some_and(|(lo, hi)| bad.iter().all(|k| (lo..=hi).contains(&points[*k].freq_hz)));
+    let grade = match (bad.is_empty(), whole) {
+        (true, _) if doubtful => Grade::Doubtful,
+        (true, _) => Grade::Good,
+        (false, true) => Grade::Doubtful,
+        (false, false) => Grade::Bad,
+    };
+    let text = text(findings, &points, valid_band_hz);
+    SpectrumVerdict { grade, text, valid_band_hz, points }
+}
+
+fn point(findings: &Findings<'_>, k: usize) -> PointVerdict {
+    let kk = &findings.kk.points[k];
+    let mut verdict = PointVerdict { freq_hz: kk.freq_hz, grade: Grade::Good, reasons: Vec::new() };
+    by_kramers_kronig(findings.kk, k, &mut verdict);
+    let z_hit = &findings.z_hit.points[k];
+    let limit = |rate: f64| Z_HIT_SHARE * rate / findings.z_hit.points.len() as f64;
+    if z_hit.p < limit(DOUBTFUL_RATE) {
+        let grade = if z_hit.p < limit(FALSE_ALARM_RATE) { Grade::Bad } else { Grade::Doubtful };
+        let side = if z_hit.deviation_percent > 0.0 { "above" } else { "below" };
+        let sigmas = (z_hit.deviation_percent / z_hit.sigma_percent).abs();
+        let size = z_hit.deviation_percent.abs();
+        verdict.add(
+            grade,
+            format!("|Z| is {size:.2} % ({sigmas:.1} σ) {side} what the phase asks for (Z-HIT), as after a change of the cell"),
+        );
+    }
+    if let Some(l) = findings.linearity.and_then(|l| l.points.get(k)).filter(|l| l.nonlinear) {
+        verdict.add(Grade::Bad, format!("Z changes by {:.2} % with the amplitude: not linear", l.change_percent));
+    }
+    if let Some(s) = findings.stationarity.and_then(|s| s.points.get(k)) {
+        if let Some(trend) = s.trend_percent.filter(|_| s.drifts()) {
+            verdict.add(Grade::Doubtful, format!("the repeats drift by {trend:.2} % from the first to the last"));
+        } else if let Some(excess) = s.excess_percent.filter(|_| s.scatters()) {
+            verdict.add(Grade::Doubtful, format!("the repeats scatter by {excess:.2} % beyond the noise"));
+        }
+    }
+    for record in findings.records.iter().filter(|r| (r.freq_hz / kk.freq_hz - 1.0).abs() < 1e-3) {
+        by_record(record, &mut verdict);
+    }
+    verdict
+}
+
+fn by_kramers_kronig(kk: &KramersKronig, k: usize, verdict: &mut PointVerdict) {
+    let point = &kk.points[k];
+    match kk.outcome {
+        KkOutcome::SignSwapped => {
+            return verdict.add(Grade::Bad, "the imaginary part has the wrong sign (Kramers–Kronig holds with the other)".to_owned());
+        }
+        KkOutcome::Disagrees => return verdict.add(Grade::Bad, "the spectrum disagrees with Kramers–Kronig as a whole".to_owned()),
+        KkOutcome::PartOfBand if point.left_out => {
+            return verdict.add(Grade::Bad, "this end of the band disagrees with Kramers–Kronig".to_owned());
+        }
+        KkOutcome::Agrees | KkOutcome::SinglePoints | KkOutcome::PartOfBand => {}
+    }
+    let limit = |rate| KramersKronig::point_limit(kk.points.len(), rate);
+    if point.p < limit(DOUBTFUL_RATE) || point.left_out {
+        let grade = if point.p < limit(FALSE_ALARM_RATE) { Grade::Bad } else { Grade::Doubtful };
+        verdict.add(grade, format!("disagrees with Kramers–Kronig by {:.2} % ({:.1} σ)", point.percent(), point.sigmas));
+    }
+}
+
+fn by_record(record: &Record, verdict: &mut PointVerdict) {
+    let grade = |percent: f64| if percent > RECORD_ERROR_PERCENT.1 { Grade::Bad } else { Grade::Doubtful };
+    for harmonic in record.harmonics.iter().filter(|h| h.is_significant() && h.error_percent() > RECORD_ERROR_PERCENT.0) {
+        let error = harmonic.error_percent();
+        let (order, ratio) = (harmonic.order, 100.0 * harmonic.ratio);
+        verdict.add(grade(error), format!("harmonic {order} of {ratio:.2} %: not linear, Z may be off by {error:.1} %"));
+    }
+    if let Some(error) = record.drift.map(|d| d.error_percent()).filter(|e| *e > RECORD_ERROR_PERCENT.0) {
+        verdict.add(grade(error), format!("the offset drifts within the record: Z may be off by {error:.1} %"));
+    }
+}
+
+/// The band that is left when runs of bad points at the ends are cut off; none if fewer than half the points of it are good.
+fn valid_band(points: &[PointVerdict], outcome: KkOutcome) -> Option<(f64, f64)> {
+    if matches!(outcome, KkOutcome::SignSwapped | KkOutcome::Disagrees) {
+        return None;
+    }
+    let usable = |p: &PointVerdict| p.grade != Grade::Bad;
+    let (first, last) = (points.iter().position(usable)?, points.iter().rposition(usable)?);
+    let bad = points[first..=last].iter().filter(|p| !usable(p)).count();
+    (2 * bad < last - first).then(|| (points[first].freq_hz, points[last].freq_hz))
+}
+
+fn text(findings: &Findings<'_>, points: &[PointVerdict], band: Option<(f64, f64)>) -> String {
+    let mut text = match (band, findings.kk.outcome) {
+        (Some((lo, hi)), _) => format!("valid from {} Hz to {} Hz", short(lo), short(hi)),
+        (None, KkOutcome::SignSwapped) => {
+            "not valid: the imaginary part has the wrong sign; with the other sign it agrees with Kramers–Kronig".to_owned()
+        }
+        (None, KkOutcome::Disagrees) => {
+            let chi2 = findings.kk.chi2 / findings.kk.dof;
+            format!(
+                "not valid: no ladder that obeys Kramers–Kronig comes within the noise (reduced χ² {chi2:.1}), not even for half of the band"
+            )
+        }
+        (None, _) => "not valid: too many points are bad".to_owned(),
+    };
+    let whole = band.is_none() && matches!(findings.kk.outcome, KkOutcome::SignSwapped | KkOutcome::Disagrees);
+    let named: Vec<(usize, &PointVerdict)> = points.iter().enumerate().filter(|(_, p)| p.grade != Grade::Good && !whole).collect();
+    const MOST_NAMED: usize = 4;
+    for (k, p) in named.iter().take(MOST_NAMED) {
+        text += &format!("; point {} ({} Hz): {}", k + 1, short(p.freq_hz), p.reasons.join(", "));
+    }
+    if named.len() > MOST_NAMED {
+        text += &format!("; and {} more points", named.len() - MOST_NAMED);
+    }
+    text
+}
+
+/// A frequency with three digits.
+fn short(freq_hz: f64) -> String {
+    let digits = (2.0 - freq_hz.abs().log10().floor()).clamp(0.0, 8.0) as usize;
+    let text = format!("{freq_hz:.digits$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}

@@ -1,0 +1,235 @@
+//! `eis-bench kk`: may these spectra be believed? Kramers–Kronig, Z-HIT, linearity, stationarity, and the distribution of relaxation times.
+
+mod plots;
+mod records;
+
+use std::path::{Path, PathBuf};
+
+use analysis::{
+    drt::{Drt, drt, start_values},
+    formats::{SourcedSpectrum, read_sourced},
+    model::RcBranch,
+    spectrum::Spectrum,
+    validity::{Assessed, Assessment, Grade, Noise, NoiseSource, Record, assess},
+};
+use serde::Serialize;
+
+use crate::terminal::say;
+use crate::{command::Failure, present::significant};
+
+/// Arguments of `kk`.
+#[derive(Debug, clap::Args)]
+pub struct KkArgs {
+    /// Spectra in any form that `fit` reads. Those of one cell are taken as repeats in order of time, or as a series of amplitudes.
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Files that do not name a cell are different cells (or states), not repeats of one.
+    #[arg(long)]
+    pub separate: bool,
+    /// Also the distribution of relaxation times, with start values for a fit.
+    #[arg(long)]
+    pub drt: bool,
+    /// What the records show besides the sine: CSV with `freq_hz` and any of `periods,drift_over_amplitude`, `h2,sigma_h2`, `h3,sigma_h3`, … (relative to the
+    /// fundamental).
+    #[arg(long, value_name = "FILE")]
+    pub records: Option<PathBuf>,
+    /// Write plots and `kk.json` into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Branches offered to a fit as start values.
+const START_BRANCHES: usize = 4;
+/// So many spectra of a cell are shown with the table of their points.
+const SHOWN_WHOLE: usize = 2;
+
+/// The spectra of one cell and what is to be thought of them.
+#[derive(Debug, Serialize)]
+struct Group {
+    cell: String,
+    #[serde(flatten)]
+    assessment: Assessment,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    drt: Vec<Distribution>,
+    #[serde(skip)]
+    measured: Vec<Spectrum>,
+}
+
+/// A distribution and the start values it gives.
+#[derive(Debug, Serialize)]
+struct Distribution {
+    name: String,
+    #[serde(flatten)]
+    drt: Drt,
+    start: Vec<RcBranch>,
+}
+
+/// Judges spectra, prints what is to be thought of them, and writes plots into a folder if asked to.
+///
+/// # Errors
+/// A file or an argument that is not as expected; a folder that cannot be written.
+pub fn kk(args: &KkArgs) -> Result<(), Failure> {
+    let records = args.records.as_deref().map_or(Ok(Vec::new()), records::read)?;
+    let groups: Vec<Group> =
+        read(args)?.into_iter().map(|(cell, spectra)| group(cell, spectra, &records, args.drt)).collect::<Result<_, _>>()?;
+    if let Some(folder) = &args.out {
+        write(folder, &groups)?;
+    }
+    if args.json {
+        say!("{}", json(&groups)?);
+        return Ok(());
+    }
+    groups.iter().for_each(print);
+    if let Some(folder) = &args.out {
+        say!("written to {}", folder.display());
+    }
+    Ok(())
+}
+
+fn json(groups: &[Group]) -> Result<String, Failure> {
+    serde_json::to_string_pretty(groups).map_err(|error| Failure::Analysis(error.to_string()))
+}
+
+/// The spectra by cell, in the order of their first.
+fn read(args: &KkArgs) -> Result<Vec<(String, Vec<Spectrum>)>, Failure> {
+    let mut cells: Vec<(String, Vec<Spectrum>)> = Vec::new();
+    for file in &args.files {
+        for SourcedSpectrum { origin, spectrum } in read_sourced(file).map_err(|error| Failure::Usage(error.to_string()))? {
+            let bias = origin.bias_a.filter(|bias| *bias != 0.0).map_or_else(String::new, |bias| format!(", {bias:+} A"));
+            let cell = match (&origin.fixture, &origin.cell) {
+                (Some(fixture), Some(cell)) => format!("{fixture} {cell}{bias}"),
+                (Some(fixture), None) => format!("{fixture}{bias}"),
+                _ if args.separate => spectrum.name.clone(),
+                _ => format!("one cell{bias}"),
+            };
+            match cells.iter_mut().find(|(name, _)| *name == cell) {
+                Some((_, spectra)) => spectra.push(spectrum),
+                None => cells.push((cell, vec![spectrum])),
+            }
+        }
+    }
+    Ok(cells)
+}
+
+fn group(cell: String, measured: Vec<Spectrum>, records: &[Record], with_drt: bool) -> Result<Group, Failure> {
+    let assessment = assess(&measured, records).map_err(|error| Failure::Usage(error.to_string()))?;
+    let distribution = |spectrum: &Spectrum| {
+        let noise = Noise::of(spectrum, &measured).map_err(|error| Failure::Usage(error.to_string()))?;
+        let drt = drt(spectrum, &noise).map_err(|error| Failure::Usage(error.to_string()))?;
+        Ok(Distribution { name: spectrum.name.clone(), start: start_values(&drt, START_BRANCHES), drt })
+    };
+    let drt = if with_drt { measured.iter().map(distribution).collect::<Result<_, Failure>>()? } else { Vec::new() };
+    Ok(Group { cell, assessment, drt, measured })
+}
+
+fn write(folder: &Path, groups: &[Group]) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|error| Failure::Usage(format!("--out {}: {error}", folder.display())))?;
+    analysis::dataset::write_atomically(&folder.join("kk.json"), json(groups)?.as_bytes())
+        .map_err(|error| Failure::Analysis(error.to_string()))?;
+    for group in groups {
+        for (assessed, measured) in group.assessment.spectra.iter().zip(&group.measured) {
+            plots::write(&folder.join(format!("kk_{}", assessed.name)), &plots::residuals(assessed))?;
+            plots::write(&folder.join(format!("zhit_{}", assessed.name)), &plots::z_hit(assessed, measured))?;
+        }
+        for distribution in &group.drt {
+            plots::write(&folder.join(format!("drt_{}", distribution.name)), &plots::drt(&distribution.name, &distribution.drt))?;
+        }
+    }
+    Ok(())
+}
+
+fn print(group: &Group) {
+    let assessment = &group.assessment;
+    say!("{}:", group.cell);
+    for assessed in &assessment.spectra {
+        print_spectrum(assessed, assessment.spectra.len() <= SHOWN_WHOLE);
+    }
+    if let Some(linearity) = &assessment.linearity {
+        let worst = linearity.points.iter().max_by(|a, b| a.change_percent.total_cmp(&b.change_percent));
+        let (low, high) = linearity.amplitudes_a;
+        let count = linearity.points.iter().filter(|point| point.nonlinear).count();
+        if let Some(worst) = worst {
+            say!(
+                "  linearity, {} A to {} A: {}; largest change {:.2} ± {:.2} % at {} Hz",
+                significant(low, 3),
+                significant(high, 3),
+                if count == 0 { "no change beyond noise".to_owned() } else { format!("Z changes at {count} frequencies") },
+                worst.change_percent,
+                worst.sigma_percent,
+                significant(worst.freq_hz, 3)
+            );
+        }
+    }
+    if let Some(stationarity) = &assessment.stationarity {
+        let scatter = stationarity.points.iter().map(|point| point.scatter_percent.powi(2)).sum::<f64>() / stationarity.points.len() as f64;
+        let excess = stationarity.excess_percent.map_or_else(String::new, |excess| format!(", {excess:.2} % of it beyond the noise"));
+        let shifts: Vec<String> = stationarity.shift_percent.iter().map(|shift| format!("{shift:+.2}")).collect();
+        let drifting = stationarity.points.iter().filter(|point| point.drifts()).count();
+        let trend = match drifting {
+            0 => "no trend".to_owned(),
+            count => format!("a trend at {count} frequencies"),
+        };
+        say!("  stationarity, {} repeats: scatter {:.2} % of |Z|{excess}; {trend}", stationarity.repeats.len(), scatter.sqrt());
+        say!("    repeats against their mean, %: {}", shifts.join(" "));
+    }
+    group.drt.iter().for_each(print_drt);
+}
+
+fn print_spectrum(assessed: &Assessed, whole: bool) {
+    let kk = &assessed.kramers_kronig;
+    let source = match kk.noise {
+        NoiseSource::Stated => "as stated",
+        NoiseSource::Repeats => "from repeats",
+        NoiseSource::Smoother => "estimated from the spectrum itself",
+    };
+    say!("  {}: {}: {}", assessed.name, assessed.verdict.grade, assessed.verdict.text);
+    say!(
+        "    {} RC (µ alone: {}), µ {:.2}, reduced χ² {:.2} (p {:.2}), noise {} % of |Z| {source}",
+        kk.order,
+        kk.mu_order.map_or_else(|| "none".to_owned(), |order| order.to_string()),
+        kk.mu,
+        kk.chi2 / kk.dof,
+        kk.p,
+        significant(kk.noise_percent, 2)
+    );
+    let points = || kk.points.iter().zip(&assessed.z_hit.points).zip(&assessed.verdict.points);
+    if !whole && points().all(|(_, verdict)| verdict.grade == Grade::Good) {
+        return;
+    }
+    say!("       f / Hz   Re: Δ / %     ±σ   Im: Δ / %     ±σ   size / σ   Z-HIT: Δ / %     ±σ");
+    for ((kk, hit), verdict) in points().filter(|(_, verdict)| whole || verdict.grade != Grade::Good) {
+        say!(
+            "    {:>9}  {:>+9.3}  {:>7.3} {:>+9.3}  {:>7.3} {:>10} {:>+13.3}  {:>7.3}  {}",
+            significant(kk.freq_hz, 4),
+            kk.re_percent,
+            kk.sigma_re_percent,
+            kk.im_percent,
+            kk.sigma_im_percent,
+            if kk.tested { format!("{:.1}", kk.sigmas) } else { "–".to_owned() },
+            hit.deviation_percent,
+            hit.sigma_percent,
+            if verdict.grade == Grade::Good { String::new() } else { verdict.grade.to_string() }
+        );
+    }
+}
+
+fn print_drt(distribution: &Distribution) {
+    let Distribution { name, drt, start } = distribution;
+    let milli = |estimate: analysis::drt::Estimate| format!("{:.4} ± {:.4} mΩ", 1.0e3 * estimate.value, 1.0e3 * estimate.sigma);
+    say!("  {name}: R∞ {}, polarisation {} up to the slow end of the band", milli(drt.r_inf_ohm), milli(drt.polarisation_ohm));
+    for peak in &drt.peaks {
+        say!(
+            "    peak at {:>9} s: {:.4} ± {:.4} mΩ, {:.2} decades wide{}",
+            significant(peak.tau_s, 3),
+            1.0e3 * peak.r_ohm,
+            1.0e3 * peak.sigma_ohm,
+            peak.width_decades,
+            if peak.in_band { "" } else { " (beyond the band: a guess)" }
+        );
+    }
+    let branches = start.iter().map(|rc| format!("{:.3} mΩ ∥ {} F", 1.0e3 * rc.r_ohm, significant(rc.c_f, 3)));
+    say!("    start values: {}", branches.collect::<Vec<_>>().join(", "));
+}
