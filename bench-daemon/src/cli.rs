@@ -56,6 +56,8 @@ enum Command {
     Identify(IdentifyArgs),
     /// Fit the extended Randles model to spectra.
     Fit(FitArgs),
+    /// Open-circuit voltage over state of charge from a slow discharge.
+    Ocv(command::ocv::OcvArgs),
 }
 
 /// Arguments of `run`.
@@ -153,6 +155,7 @@ pub fn main() -> ExitCode {
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),
         Command::Fit(args) => command::fit::fit(&args),
+        Command::Ocv(args) => command::ocv::ocv(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -7,7 +7,7 @@
 mod erm;
 mod global;
 mod json;
-mod linalg;
+pub(crate) mod linalg;
 mod local;
 mod options;
 mod problem;

@@ -3,6 +3,7 @@
 pub mod fit;
 pub mod identify;
 pub mod mock;
+pub mod ocv;
 pub mod plan;
 pub mod run;
 
