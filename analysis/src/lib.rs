@@ -18,6 +18,7 @@ pub mod ocv;
 pub mod pack;
 pub mod plot;
 pub mod report;
+pub mod series;
 pub mod sine;
 pub mod spectrum;
 pub mod validity;

@@ -64,6 +64,8 @@ enum Command {
     Pack(command::pack::PackArgs),
     /// Test spectra: Kramers–Kronig, Z-HIT, linearity, stationarity; distribution of relaxation times.
     Kk(command::kk::KkArgs),
+    /// Open-circuit voltage over state of charge from a slow discharge.
+    Ocv(command::ocv::OcvArgs),
 }
 
 /// Arguments of `run`.
@@ -166,6 +168,7 @@ pub fn main() -> ExitCode {
         Command::Fit(args) => command::fit::fit(&args),
         Command::Pack(args) => command::pack::pack(&args),
         Command::Kk(args) => command::kk::kk(&args),
+        Command::Ocv(args) => command::ocv::ocv(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

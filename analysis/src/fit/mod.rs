@@ -9,7 +9,7 @@ mod circuit;
 mod erm;
 mod global;
 mod json;
-mod linalg;
+pub(crate) mod linalg;
 mod local;
 mod minima;
 mod options;

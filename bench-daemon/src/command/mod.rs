@@ -7,6 +7,7 @@ pub mod kk;
 pub mod mock;
 pub mod pack;
 pub mod pack_size;
+pub mod ocv;
 pub mod plan;
 pub mod run;
 
