@@ -1,6 +1,7 @@
 //! Integration tests of the daemon: one binary.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "helpers of tests may end a test")]
 
+mod accuracy;
 mod architecture;
 mod configuration;
 mod demo;
