@@ -75,7 +75,8 @@ impl Columns {
         }
     }
 
-    fn member(&self, member: usize) -> Vec<f64> {
+    /// Coordinates of one member.
+    pub fn member(&self, member: usize) -> Vec<f64> {
         (0..self.data.len() / self.members).map(|d| self.at(d, member)).collect()
     }
 }

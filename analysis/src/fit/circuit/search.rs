@@ -171,11 +171,17 @@ impl Seeker<'_> {
             strategy: Strategy::Rand1,
             crossover: 0.9,
             spread: 1e-5,
+            interchangeable: false,
             seed: self.chance(island).next_u64(),
         };
         let bounds = vec![(0.0, 1.0); dimensions];
-        let island = |k| differential_evolution(|unit| self.starter.at(unit).1, &bounds, &options(k));
-        let best = |k| island(k).into_iter().take(ROUND).map(|member| self.from(&self.starter.at(&member.x).0)).collect::<Vec<_>>();
+        let value = |units: &Columns, values: &mut [f64]| {
+            for (member, value) in values.iter_mut().enumerate() {
+                *value = self.starter.at(&units.member(member)).1;
+            }
+        };
+        let island = |k| differential_evolution(value, &bounds, &options(k));
+        let best = |k| island(k).last.into_iter().take(ROUND).map(|member| self.from(&self.starter.at(&member.x).0)).collect::<Vec<_>>();
         (0..ISLANDS).into_par_iter().flat_map_iter(best).collect()
     }
 
