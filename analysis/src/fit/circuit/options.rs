@@ -80,7 +80,7 @@ pub struct CircuitOptions {
     pub guess: Vec<(usize, f64)>,
     /// Parameters that are held, as (index of the parameter, value).
     pub constants: Vec<(usize, f64)>,
-    /// Most starts. None: 64, or the guess alone where it gives every parameter.
+    /// Most starts of [`Search::Starts`]. None: 64, or the guess alone where it gives every parameter.
     pub starts: Option<usize>,
     /// How to look for the global optimum.
     pub search: Search,
