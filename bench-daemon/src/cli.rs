@@ -22,6 +22,8 @@ Examples:
     eis-bench mock configs/benches/demo.toml --json
   Fit the extended Randles model to spectra from anywhere:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
+  Run a load profile through a pack of the fitted cells:
+    eis-bench simulate --model FOLDER/model_4rc.json --profile POWER.csv --series 16 --parallel 3 --ocv-v 3.72
 
 Exit codes:
   0  done
@@ -56,6 +58,8 @@ enum Command {
     Identify(IdentifyArgs),
     /// Fit the extended Randles model to spectra.
     Fit(FitArgs),
+    /// Run load profiles through a fitted model, as a cell or as a pack.
+    Simulate(command::simulate::SimulateArgs),
 }
 
 /// Arguments of `run`.
@@ -153,6 +157,7 @@ pub fn main() -> ExitCode {
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),
         Command::Fit(args) => command::fit::fit(&args),
+        Command::Simulate(args) => command::simulate::simulate(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -173,7 +178,7 @@ mod tests {
     fn the_command_line_is_sound_and_its_help_teaches() {
         Cli::command().debug_assert();
         let help = Cli::command().render_long_help().to_string();
-        for text in ["run", "plan", "mock", "identify", "fit", "Examples:", "Exit codes:"] {
+        for text in ["run", "plan", "mock", "identify", "fit", "simulate", "Examples:", "Exit codes:"] {
             assert!(help.contains(text), "{help}");
         }
     }

@@ -5,6 +5,7 @@ pub mod identify;
 pub mod mock;
 pub mod plan;
 pub mod run;
+pub mod simulate;
 
 use crate::{bench::BenchError, config::ConfigError, executor::ExecuteError, plan::PlanError, record::RecordError, sim::SimError};
 

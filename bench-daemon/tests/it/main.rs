@@ -8,5 +8,6 @@ mod fit;
 mod kill;
 mod mock_process;
 mod ranging;
+mod simulate;
 mod support;
 mod verdicts;
