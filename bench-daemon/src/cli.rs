@@ -26,6 +26,8 @@ Examples:
     eis-bench fit SPECTRUM.csv --circuit 'R0-p(R1,C1)-p(R2-Wo1,CPE1)'
   May these spectra be believed? Kramers–Kronig and more, with pictures:
     eis-bench kk SPECTRUM.csv --drt --out FOLDER
+  Run a load profile through a pack of the fitted cells:
+    eis-bench simulate --model FOLDER/model_4rc.json --profile POWER.csv --series 16 --parallel 3 --ocv-v 3.72
 
 Exit codes:
   0  done
@@ -66,6 +68,8 @@ enum Command {
     Kk(command::kk::KkArgs),
     /// Open-circuit voltage over state of charge from a slow discharge.
     Ocv(command::ocv::OcvArgs),
+    /// Run load profiles through a fitted model, as a cell or as a pack.
+    Simulate(command::simulate::SimulateArgs),
 }
 
 /// Arguments of `run`.
@@ -169,6 +173,7 @@ pub fn main() -> ExitCode {
         Command::Pack(args) => command::pack::pack(&args),
         Command::Kk(args) => command::kk::kk(&args),
         Command::Ocv(args) => command::ocv::ocv(&args),
+        Command::Simulate(args) => command::simulate::simulate(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -189,7 +194,7 @@ mod tests {
     fn the_command_line_is_sound_and_its_help_teaches() {
         Cli::command().debug_assert();
         let help = Cli::command().render_long_help().to_string();
-        for text in ["run", "plan", "mock", "identify", "fit", "Examples:", "Exit codes:"] {
+        for text in ["run", "plan", "mock", "identify", "fit", "simulate", "Examples:", "Exit codes:"] {
             assert!(help.contains(text), "{help}");
         }
     }

@@ -28,3 +28,6 @@ pub use scale::{ScaleBound, ScaleLimit, ScaleOptions, largest_scale};
 pub use sensitivity::{Jacobian, Sensitivity, SensitivityRow, StepOptions, sensitivity, step_with_jacobian};
 pub use simulate::{Method, SimOptions, Simulation, simulate};
 pub use trace::{Infeasible, Summary, Trace, write_trace_parquet};
+
+#[cfg(test)]
+mod tests;

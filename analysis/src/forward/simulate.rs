@@ -7,12 +7,16 @@ use super::law::{Beyond, Demand, Drive};
 use super::limits::CellWindow;
 use super::model::{ForwardError, SimModel, SimState};
 use super::profile::{Piece, Profile};
-use super::step::{Coefficients, Mover};
+use super::step::{Coefficients, Ends, Mover};
 use super::trace::{Book, Point, Summary, Trace};
 use serde::{Deserialize, Serialize};
 
 /// Halvings of a piece at most.
 const DEEPEST: usize = 30;
+/// Relative error of a sub-step's mean current at most, before two halves improve it.
+const CURRENT_ACCURACY: f64 = 1e-5;
+/// How far the voltage in the middle of a sub-step may be off the straight line between its ends, V per cell in series.
+const BEND_V: f64 = 4e-6;
 /// Pieces of a profile at most: beyond it a trace would fill the memory.
 const MOST_PIECES: f64 = 1e8;
 
@@ -185,6 +189,7 @@ impl Run<'_> {
     /// One piece with error control; none when the run stops in it.
     fn piece(&mut self, piece: &Piece, start: Point) -> Result<Option<Point>, ForwardError> {
         let tolerance_v = self.options.tolerance_v * f64::from(self.mover.model.pack.series);
+        let bend_v = BEND_V * f64::from(self.mover.model.pack.series);
         let whole = 1u64 << DEEPEST;
         let (mut done, mut before) = (0u64, start);
         while done < whole {
@@ -197,27 +202,35 @@ impl Run<'_> {
             }
             let part = |done: u64| done as f64 / whole as f64;
             let (t0, t1) = (part(done), part(done + (whole >> self.level)));
-            let attempt = self.attempt(piece, (t0, t1))?;
-            let good = attempt.error_v <= tolerance_v && !self.stops(attempt.infeasible);
-            if !good && self.level + 1 < DEEPEST {
+            let attempt = self.attempt(piece, (t0, t1), tolerance_v)?;
+            let at = |part: f64| (piece.from_s + part * piece.step_s, piece.from + part * (piece.to - piece.from));
+            let mut good = attempt.error_v <= tolerance_v && !self.stops(attempt.infeasible);
+            let mut seen = None;
+            if good || self.level + 1 >= DEEPEST {
+                let (middle, after) = (self.point(at(0.5 * (t0 + t1)), &attempt.middle)?, self.point(at(t1), &attempt.end)?);
+                // Extremes are sought at ends and middles only: in between the voltage must be nearly straight.
+                good &= (middle.ccv_v - 0.5 * (before.ccv_v + after.ccv_v)).abs() <= bend_v;
+                seen = Some((middle, after));
+            }
+            let Some((middle, after)) = seen.filter(|_| good || self.level + 1 >= DEEPEST) else {
                 self.level += 1;
                 continue;
-            }
-            let at = |part: f64| (piece.from_s + part * piece.step_s, piece.from + part * (piece.to - piece.from));
-            let middle = self.point(at(0.5 * (t0 + t1)), &attempt.middle)?;
+            };
             let from = std::mem::replace(&mut self.state, attempt.end);
-            let after = self.look(at(t1).0, at(t1).1)?;
+            self.book.see(&middle);
+            self.book.see(&after);
             self.book.passed([&before, &middle, &after], [&from, &attempt.middle, &self.state]);
             done += whole >> self.level;
-            before = after;
-            if attempt.error_v < tolerance_v / 16.0 && self.level > 0 && done.is_multiple_of(whole >> (self.level - 1)) {
+            let start_v = std::mem::replace(&mut before, after).ccv_v;
+            let straight = (middle.ccv_v - 0.5 * (start_v + after.ccv_v)).abs() < bend_v / 8.0;
+            if straight && attempt.error_v < tolerance_v / 16.0 && self.level > 0 && done.is_multiple_of(whole >> (self.level - 1)) {
                 self.level -= 1;
             }
         }
         Ok((!self.stops(before.infeasible)).then_some(before))
     }
 
-    fn attempt(&mut self, piece: &Piece, (t0, t1): (f64, f64)) -> Result<Attempt, ForwardError> {
+    fn attempt(&mut self, piece: &Piece, (t0, t1): (f64, f64), tolerance_v: f64) -> Result<Attempt, ForwardError> {
         self.ladder.reach(self.mover.model, piece.step_s, self.level + 1);
         let (long, short) = (&self.ladder.rungs[self.level], &self.ladder.rungs[self.level + 1]);
         let demand = |part: f64| piece.from + part * (piece.to - piece.from);
@@ -232,7 +245,12 @@ impl Run<'_> {
         let infeasible = ends.iter().any(|e| e.start.infeasible || e.end.infeasible);
         let ocv = |s: &SimState| mover.model.ocv_v(s.soc).0;
         let apart: f64 = end.v_rc_v.iter().zip(&once.v_rc_v).map(|(a, b)| (a - b).abs()).sum();
-        let error_v = (apart + (ocv(&end) - ocv(&once)).abs()) / 3.0;
+        let mean_a = |e: &Ends| 0.5 * (e.start.current_a + e.end.current_a);
+        let apart_a = (mean_a(&ends[0]) - 0.5 * (mean_a(&ends[1]) + mean_a(&ends[2]))).abs();
+        let largest_a = ends.iter().fold(1e-6, |a: f64, e| a.max(e.start.current_a.abs()).max(e.end.current_a.abs()));
+        // States may be insensitive to the current, energies are not: they want its mean as well.
+        let charge_v = apart_a / (CURRENT_ACCURACY * largest_a) * tolerance_v;
+        let error_v = (apart + (ocv(&end) - ocv(&once)).abs() + charge_v) / 3.0;
         // Both are wrong in second order, one step four times as much as two halves: their difference takes it away.
         for (better, rough) in end.v_rc_v.iter_mut().zip(&once.v_rc_v) {
             *better += (*better - rough) / 3.0;

@@ -10,6 +10,7 @@ pub mod pack_size;
 pub mod ocv;
 pub mod plan;
 pub mod run;
+pub mod simulate;
 
 use crate::{bench::BenchError, config::ConfigError, executor::ExecuteError, plan::PlanError, record::RecordError, sim::SimError};
 

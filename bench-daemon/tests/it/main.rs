@@ -10,5 +10,6 @@ mod fit_circuit;
 mod kill;
 mod mock_process;
 mod ranging;
+mod simulate;
 mod support;
 mod verdicts;

@@ -4,7 +4,7 @@ use super::data::Data;
 use super::options::{CircuitOptions, Search, Weight};
 use super::problem::{Problem, is_log};
 use super::starts::{Ranges, Starter};
-use crate::fit::global::{DeOptions, Strategy, differential_evolution};
+use crate::fit::global::{Columns, DeOptions, Strategy, differential_evolution};
 use crate::fit::local::{LocalOptions, Minimum, Smooth, minimise};
 use crate::fit::options::Objective;
 use crate::fit::rng::Rng;
