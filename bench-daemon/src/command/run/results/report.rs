@@ -11,6 +11,7 @@ use crate::{
     command::{
         Failure,
         fit::{bode_plot, model_curves},
+        kk,
         run::Measured,
     },
     config::Experiment,
@@ -38,9 +39,13 @@ pub(super) fn write(recorder: &Recorder, experiment: &Experiment, measured: &Mea
     }
     let caption = "Magnitude and phase over frequency: the corrected spectrum with 2σ, and the fitted models.".to_owned();
     figures.push(Figure { svg: plot::bode_svg(&bode).map_err(drawn)?, caption });
+    let (validity, pictures) = kk::in_report(&measured.spectrum)?;
+    figures.extend(pictures);
+    let mut verdicts = verdicts(recorder, measured, fits);
+    verdicts.insert(0, validity);
     let report = Report {
         title: format!("{}: {} on bench {}", experiment.name, experiment.cell.name, experiment.bench.name),
-        verdicts: verdicts(recorder, measured, fits),
+        verdicts,
         figures,
         tables: tables(experiment, measured, fits),
         provenance: provenance(experiment),
