@@ -10,6 +10,8 @@ use nalgebra::{DMatrix, DVector};
 
 const FEWEST_POINTS: usize = 6;
 const PENALTY_ON_FREEDOM: f64 = 1.4;
+/// Of all λ whose score is within this factor of the best, the smoothest is taken: the best is often one of many alike.
+const AS_GOOD: f64 = 1.15;
 /// Decades of λ that are tried, relative to the size of the data's normal matrix.
 const DECADES: (i32, i32) = (-9, 1);
 const PER_DECADE: i32 = 2;
@@ -49,17 +51,16 @@ fn choose(design: &Design) -> Option<Candidate> {
     let nodes = design.normal.nrows() - SERIES;
     let size = (SERIES..design.normal.nrows()).map(|j| design.normal[(j, j)]).sum::<f64>() / nodes as f64;
     let mut free: Vec<usize> = (0..design.normal.nrows()).collect();
-    let mut best: Option<Candidate> = None;
+    let mut candidates = Vec::new();
     // From smooth to rough, each start with the free set of the last.
     for k in (DECADES.0 * PER_DECADE..=DECADES.1 * PER_DECADE).rev() {
         let lambda = size * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
         let Some(candidate) = candidate(design, lambda, &free) else { continue };
         free.clone_from(&candidate.solution.free);
-        if best.as_ref().is_none_or(|b| candidate.score < b.score) {
-            best = Some(candidate);
-        }
+        candidates.push(candidate);
     }
-    best
+    let best = candidates.iter().map(|c| c.score).fold(f64::INFINITY, f64::min);
+    candidates.into_iter().find(|c| c.score <= AS_GOOD * best)
 }
 
 fn candidate(design: &Design, lambda: f64, guess: &[usize]) -> Option<Candidate> {

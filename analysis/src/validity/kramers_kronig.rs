@@ -246,13 +246,15 @@ impl<'a> Test<'a> {
         !self.alarm(FALSE_ALARM_RATE)
     }
 
-    /// Leaves out one point after the other, the worst first, until the others agree; false if that takes more than a fifth of them.
+    /// Leaves out one point after the other, the worst first, until the others agree; false if that takes more than a tenth of them, or three
+    /// neighbours within the band, for then it is not points that are wrong.
     fn leave_out_the_worst(&mut self) -> bool {
         let mut out = Vec::new();
-        (0..(self.z_ohm.len() / 5).max(1)).any(|_| {
+        let agree = (0..(self.z_ohm.len() / 10).max(1)).any(|_| {
             out.push(self.worst().0);
             self.leave_out(|k| out.contains(&k))
-        })
+        });
+        agree && (self.is_end_left_out() || !self.left_out.windows(3).any(|run| run.iter().all(|out| *out)))
     }
 
     /// The points left out are those of one end of the band.

@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 /// Fewest repeats of one grid and amplitude whose scatter is taken for the noise.
 pub const FEWEST_REPEATS: usize = 3;
 /// A scale per decade that a smoother of 20 to 60 points can afford, and how far it reaches beyond the band.
-const SMOOTHER_PER_DECADE: f64 = 2.0;
+const SMOOTHER_PER_DECADE: f64 = 3.0;
 const SMOOTHER_REACH: f64 = 2.0;
 /// Share of clean parts of a spectrum in which a point may be left out of the smoother.
 const OUTLIER_RATE: f64 = 0.01;
@@ -114,7 +114,7 @@ fn from_smoother(spectrum: &Spectrum) -> Result<(f64, f64), ValidityError> {
     let (lo, hi) = (omega[0], omega[omega.len() - 1]);
     let tau_range_s = (1.0 / (SMOOTHER_REACH * hi), SMOOTHER_REACH / lo);
     let wanted = (SMOOTHER_PER_DECADE * (tau_range_s.1 / tau_range_s.0).log10()).ceil() as usize + 1;
-    let order = wanted.min(z.len().saturating_sub(2) / 2).max(2);
+    let order = wanted.min(3 * z.len() / 5).max(2);
     let mut ladder = Ladder::new(omega, tau_range_s, order);
     let re = Whitening { a: 1.0, b: 0.0, c: 0.0 };
     let im = Whitening { a: 0.0, b: 0.0, c: 1.0 };

@@ -1,4 +1,4 @@
-//! Spectra made here by closed formulas, with noise of a stated size, valid and spoilt.
+//! Spectra made here by closed formulas, with noise of a known size, valid and spoilt.
 
 use super::*;
 use crate::fit::Rng;
@@ -6,26 +6,34 @@ use crate::spectrum::{Covariance2, ImpedancePoint};
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
-/// What is wrong with a spectrum, as the frequency and the impedance at a point go in.
-type Fault = fn(usize, f64, Complex64) -> Complex64;
+/// What is wrong with a spectrum, as the number of the point and its impedance go in.
+type Fault = fn(usize, Complex64) -> Complex64;
+
+const NONE: Fault = |_, z| z;
 
 struct Noisy(Rng);
 
 impl Noisy {
+    fn new(seed: u64) -> Self {
+        Self(Rng::new(seed))
+    }
+
     fn normal(&mut self) -> f64 {
         let u = 1.0 - self.0.uniform();
         (-2.0 * u.ln()).sqrt() * (TAU * self.0.uniform()).cos()
     }
+
     fn between(&mut self, lo: f64, hi: f64) -> f64 {
         lo + (hi - lo) * self.0.uniform()
     }
+
     fn log_between(&mut self, lo: f64, hi: f64) -> f64 {
         self.between(lo.ln(), hi.ln()).exp()
     }
 }
 
-fn thesis_grid() -> Vec<f64> {
-    (0..20).map(|k| 0.1 * 3000f64.powf(f64::from(k) / 20.0)).collect()
+fn grid(points: u32, low_hz: f64, high_hz: f64) -> Vec<f64> {
+    (0..points).map(|k| low_hz * (high_hz / low_hz).powf(f64::from(k) / f64::from(points - 1))).collect()
 }
 
 /// (jω)^a.
@@ -33,7 +41,7 @@ fn power(omega: f64, a: f64) -> Complex64 {
     Complex64::from_polar(omega.powf(a), a * PI / 2.0)
 }
 
-/// R + jωL + two RC + ZARC + Warburg, with sizes drawn as cells have them.
+/// R + jωL + two RC + ZARC + Warburg, of sizes that cells have.
 fn any_cell(noise: &mut Noisy) -> impl Fn(f64) -> Complex64 + use<> {
     let r = 7e-3;
     let l = noise.between(0.0, 4e-7);
@@ -48,71 +56,228 @@ fn any_cell(noise: &mut Noisy) -> impl Fn(f64) -> Complex64 + use<> {
     }
 }
 
-fn measured(grid: &[f64], cell: impl Fn(f64) -> Complex64, (sigma, stated): (f64, bool), noise: &mut Noisy, fault: Fault) -> Spectrum {
+/// How a spectrum is measured: relative noise of each part, and whether the file states it.
+#[derive(Clone, Copy)]
+struct Bench {
+    sigma: f64,
+    stated: bool,
+}
+
+fn measured(grid: &[f64], cell: impl Fn(f64) -> Complex64, bench: Bench, (noise, fault): (&mut Noisy, Fault)) -> Spectrum {
     let point = |(k, freq_hz): (usize, &f64)| {
-        let z = fault(k, *freq_hz, cell(*freq_hz));
-        let s = sigma * z.norm();
+        let z = fault(k, cell(*freq_hz));
+        let s = bench.sigma * z.norm();
         let z_ohm = z + Complex64::new(s * noise.normal(), s * noise.normal());
-        let covariance = if stated { Covariance2::circular(s * s) } else { Covariance2::UNKNOWN };
+        let covariance = if bench.stated { Covariance2::circular(s * s) } else { Covariance2::UNKNOWN };
         ImpedancePoint { freq_hz: *freq_hz, z_ohm, covariance, amplitude_a: f64::NAN }
     };
     Spectrum { name: "made".into(), points: grid.iter().enumerate().map(point).collect() }
 }
 
+fn thesis_grid() -> Vec<f64> {
+    grid(20, 0.1, 201.0)
+}
+
+fn judge(spectrum: &Spectrum) -> SpectrumVerdict {
+    assess(std::slice::from_ref(spectrum), &[]).unwrap().spectra.remove(0).verdict
+}
+
+/// Most events of probability `rate` in `n` that chance brings in 999 of 1000 cases.
+fn most_by_chance(n: u32, rate: f64) -> u32 {
+    let mut term = (1.0 - rate).powi(i32::try_from(n).unwrap());
+    let mut sum = term;
+    let mut k = 0;
+    while sum < 0.999 {
+        term *= f64::from(n - k) / f64::from(k + 1) * rate / (1.0 - rate);
+        sum += term;
+        k += 1;
+    }
+    k
+}
+
 #[test]
-fn explore() {
-    for stated in [true, false] {
-        for sigma in [1e-4, 5e-4, 2e-3, 1e-2] {
-            let mut noise = Noisy(Rng::new(11));
-            let (mut kk_bad, mut zh_bad, mut doubt, mut orders, mut mus, mut chi, mut zz) = (0, 0, 0, 0, 0, 0.0, 0.0);
-            let total = 300;
-            for _ in 0..total {
-                let cell = any_cell(&mut noise);
-                let s = measured(&thesis_grid(), cell, (sigma, stated), &mut noise, |_, _, z| z);
-                let n = Noise::of(&s, &[]).unwrap();
-                let kk = kramers_kronig(&s, &n).unwrap();
-                let zh = z_hit(&s, &n, &kk);
-                kk_bad += i32::from(kk.outcome != KkOutcome::Agrees);
-                let pmin = zh.points.iter().map(|p| p.p).fold(1.0, f64::min);
-                zh_bad += i32::from(pmin < 0.3 * 0.01 / 20.0);
-                doubt += i32::from(kk.points.iter().any(|p| p.p < 0.4 * 0.05 / 20.0));
-                orders += kk.order;
-                mus += kk.mu_order.unwrap_or(99);
-                chi += kk.chi2 / kk.dof;
-                zz += zh.points[0].deviation_percent.powi(2) / zh.points[0].sigma_percent.powi(2);
-            }
-            println!(
-                "stated {stated} sigma {sigma}: kk {kk_bad} zhit {zh_bad} doubt {doubt} order {} mu {} chi {} zrms {}",
-                orders / total,
-                mus / total,
-                chi / total as f64,
-                (zz / total as f64).sqrt()
-            );
+fn valid_spectra_pass_at_the_stated_rate() {
+    assert_eq!(most_by_chance(300, 0.01), 10, "Poisson tables, mean 3: up to 9 with 0.9989, up to 10 with 0.9997");
+    for (sigma, stated) in [(1e-4, true), (5e-4, true), (2e-3, true), (1e-2, true), (5e-4, false), (2e-3, false)] {
+        let mut noise = Noisy::new(21);
+        let (mut bad, mut doubtful) = (0, 0);
+        for _ in 0..300 {
+            let cell = any_cell(&mut noise);
+            let verdict = judge(&measured(&thesis_grid(), cell, Bench { sigma, stated }, (&mut noise, NONE)));
+            bad += u32::from(verdict.points.iter().any(|p| p.grade == Grade::Bad));
+            doubtful += u32::from(verdict.grade != Grade::Good);
         }
+        assert!(bad <= most_by_chance(300, FALSE_ALARM_RATE), "σ {sigma}, stated {stated}: {bad} of 300 bad");
+        assert!(doubtful <= most_by_chance(300, DOUBTFUL_RATE), "σ {sigma}, stated {stated}: {doubtful} of 300 doubtful");
     }
-    let faults: [(&str, Fault); 5] = [
-        ("drift", |k, _, z| z * (1.0 + 0.02 * (-(k as f64) * 0.4).exp())),
-        ("drift R", |k, _, z| z + 0.02 * 7e-3 * (-(k as f64) * 0.4).exp()),
-        ("sign", |_, _, z| z.conj()),
-        ("spike", |k, _, z| if k == 6 { z * 1.02 } else { z }),
-        ("clip", |_, _, z| z * (8e-3 / z.norm()).min(1.0)),
-    ];
-    for (name, fault) in faults {
-        for sigma in [2e-4, 5e-4, 1e-3, 2e-3] {
-            for stated in [true, false] {
-                let mut noise = Noisy(Rng::new(12));
-                let mut count = [0; 6];
-                for _ in 0..200 {
-                    let cell = any_cell(&mut noise);
-                    let s = measured(&thesis_grid(), cell, (sigma, stated), &mut noise, fault);
-                    let n = Noise::of(&s, &[]).unwrap();
-                    let kk = kramers_kronig(&s, &n).unwrap();
-                    let zh = z_hit(&s, &n, &kk);
-                    count[kk.outcome as usize] += 1;
-                    count[5] += i32::from(zh.points.iter().any(|p| p.p < 0.3 * 0.01 / 20.0));
-                }
-                println!("{name} {sigma} {stated}: agrees/single/part/sign/dis/zhit {count:?}");
-            }
-        }
+}
+
+#[test]
+fn inductive_and_diffusive_ends_are_valid() {
+    let mut noise = Noisy::new(22);
+    let cell = |f: f64| Complex64::new(0.02, TAU * f * 2.5e-7) + 5e-3 / (1.0 + power(TAU * f * 2e-3, 0.7)) + 3e-3 * power(TAU * f, -0.5);
+    let mut bad = 0;
+    for _ in 0..60 {
+        let spectrum = measured(&grid(54, 1.4e-3, 6000.0), cell, Bench { sigma: 5e-4, stated: true }, (&mut noise, NONE));
+        assert!(spectrum.points[0].z_ohm.im < -0.02 && spectrum.points[53].z_ohm.im > 5e-3, "the ends are what they are to be");
+        bad += u32::from(judge(&spectrum).grade != Grade::Good);
     }
+    assert!(bad <= most_by_chance(60, DOUBTFUL_RATE), "{bad} of 60");
+}
+
+/// How many of a hundred cells with a fault are not called good, and the verdicts.
+fn caught(sigma: f64, fault: Fault) -> Vec<SpectrumVerdict> {
+    let mut noise = Noisy::new(23);
+    let judged = (0..100).map(|_| {
+        let cell = any_cell(&mut noise);
+        judge(&measured(&thesis_grid(), cell, Bench { sigma, stated: true }, (&mut noise, fault)))
+    });
+    judged.filter(|v| v.grade != Grade::Good).collect()
+}
+
+#[test]
+fn a_cell_that_drifts_is_caught_at_the_slow_end() {
+    // The resistance rises by 2 % as the sweep goes down; time passes as periods do, mostly at the lowest frequencies.
+    let verdicts = caught(5e-4, |k, z| z * (1.0 + 0.02 * (3000f64.powf(-(k as f64) / 19.0))));
+    assert!(verdicts.len() >= 95, "{} of 100", verdicts.len());
+    let slow = |v: &&SpectrumVerdict| v.points[..5].iter().any(|p| p.grade != Grade::Good);
+    assert!(verdicts.iter().filter(slow).count() >= 90);
+    assert!(verdicts.iter().any(|v| v.text.contains("disagrees with Kramers–Kronig")), "{}", verdicts[0].text);
+}
+
+#[test]
+fn the_wrong_sign_is_named() {
+    let verdicts = caught(2e-3, |_, z| z.conj());
+    let named = verdicts.iter().filter(|v| v.grade == Grade::Bad && v.text.contains("the imaginary part has the wrong sign"));
+    assert!(named.count() >= 95);
+    assert!(verdicts.iter().all(|v| v.valid_band_hz.is_none()));
+}
+
+#[test]
+fn a_spike_is_named_and_the_others_are_believed() {
+    let verdicts = caught(2e-3, |k, z| if k == 6 { z * 1.02 } else { z });
+    assert!(verdicts.len() >= 95, "{} of 100", verdicts.len());
+    let alone = |v: &&SpectrumVerdict| (0..20).all(|k| (v.points[k].grade != Grade::Good) == (k == 6));
+    assert!(verdicts.iter().filter(alone).count() >= 85, "{}", verdicts.iter().filter(alone).count());
+    let text = &verdicts.iter().find(alone).unwrap().text;
+    assert!(text.starts_with("valid from 0.1 Hz to 201 Hz; point 7 (1.1 Hz): disagrees with Kramers–Kronig by "), "{text}");
+}
+
+#[test]
+fn clipping_is_caught() {
+    // The voltage cannot exceed that of 8 mΩ.
+    let verdicts = caught(1e-3, |_, z| z * (8e-3 / z.norm()).min(1.0));
+    assert!(verdicts.len() >= 90, "{} of 100", verdicts.len());
+}
+
+#[test]
+fn noise_is_found_without_being_told() {
+    let mut noise = Noisy::new(24);
+    for sigma in [5e-4, 5e-3] {
+        let cell = any_cell(&mut noise);
+        let bench = Bench { sigma, stated: false };
+        let repeats: Vec<Spectrum> = (0..5).map(|_| measured(&thesis_grid(), &cell, bench, (&mut noise, NONE))).collect();
+        let from_repeats = Noise::of(&repeats[0], &repeats).unwrap();
+        assert_eq!(from_repeats.source, NoiseSource::Repeats);
+        let met = from_repeats.relative(&repeats[0].points);
+        assert!((0.8..1.25).contains(&(met / sigma)), "{met} for {sigma}");
+        let alone: Vec<f64> = repeats.iter().map(|r| Noise::of(r, &[]).unwrap().relative(&r.points) / sigma).collect();
+        assert!(alone.iter().all(|ratio| (0.5..2.2).contains(ratio)), "{alone:?}");
+    }
+}
+
+#[test]
+fn amplitudes_that_change_the_impedance_are_nonlinear() {
+    let mut noise = Noisy::new(25);
+    let cell = any_cell(&mut noise);
+    let bench = Bench { sigma: 5e-4, stated: true };
+    let mut sweep = |amplitude_a: f64, fault: Fault| {
+        let mut spectrum = measured(&thesis_grid(), &cell, bench, (&mut noise, fault));
+        spectrum.points.iter_mut().for_each(|p| p.amplitude_a = amplitude_a);
+        spectrum
+    };
+    let fall: Fault = |k, z| if k < 3 { z * 0.99 } else { z };
+    let both = [sweep(1.0, NONE), sweep(4.0, fall)];
+    let assessment = assess(&both, &[]).unwrap();
+    let linearity = assessment.linearity.unwrap();
+    assert_eq!(linearity.amplitudes_a, (1.0, 4.0));
+    let flagged: Vec<bool> = linearity.points.iter().map(|p| p.nonlinear).collect();
+    assert_eq!(flagged[..3], [true; 3]);
+    assert!(flagged[3..].iter().filter(|f| **f).count() <= 1, "{flagged:?}");
+    assert!((linearity.points[0].change_percent - 1.0).abs() < 0.3);
+    assert!(assessment.spectra[0].verdict.text.contains("% with the amplitude: not linear"), "{}", assessment.spectra[0].verdict.text);
+    assert!(assess(&[sweep(1.0, NONE), sweep(1.0, NONE)], &[]).unwrap().linearity.is_none(), "one amplitude tells nothing");
+}
+
+#[test]
+fn harmonics_tell_the_error_of_a_polynomial() {
+    // v = i + b iⁿ over one period, its harmonics by direct summation.
+    for (order, b) in [(3, 0.01), (5, 0.02), (2, 0.05)] {
+        let n = 4096;
+        let coefficient = |k: f64| {
+            let at = |j: i32| TAU * f64::from(j) / f64::from(n);
+            2.0 / f64::from(n) * (0..n).map(|j| (at(j).cos() + b * at(j).cos().powi(order)) * (k * at(j)).cos()).sum::<f64>()
+        };
+        let harmonic = Harmonic { order: order.unsigned_abs(), ratio: coefficient(f64::from(order)), sigma: 1e-5 };
+        let error = 100.0 * (coefficient(1.0) - 1.0);
+        assert!((harmonic.error_percent() - error).abs() < 1e-6, "order {order}: {} for {error}", harmonic.error_percent());
+        assert!(harmonic.is_significant());
+    }
+}
+
+#[test]
+fn drift_in_a_record_is_worth_what_was_measured() {
+    for (periods, percent) in [(1.0, 0.32), (5.0, 0.064)] {
+        assert!((Drift { over_amplitude: 0.01, periods }.error_percent() / percent - 1.0).abs() < 0.01);
+    }
+    let mut noise = Noisy::new(26);
+    let cell = any_cell(&mut noise);
+    let spectrum = measured(&thesis_grid(), cell, Bench { sigma: 2e-3, stated: true }, (&mut noise, NONE));
+    let record = |drift, ratio| Record {
+        freq_hz: spectrum.points[4].freq_hz,
+        harmonics: vec![Harmonic { order: 3, ratio, sigma: 1e-4 }],
+        drift: Some(Drift { over_amplitude: drift, periods: 5.0 }),
+    };
+    let verdict = |record| assess(std::slice::from_ref(&spectrum), &[record]).unwrap().spectra.remove(0).verdict.points[4].clone();
+    assert_eq!(verdict(record(0.01, 1e-4)).grade, Grade::Good);
+    assert_eq!(verdict(record(0.1, 1e-4)).reasons, ["the offset drifts within the record: Z may be off by 0.6 %"]);
+    let both = verdict(record(0.01, 0.005));
+    assert_eq!((both.grade, both.reasons[0].as_str()), (Grade::Bad, "harmonic 3 of 0.50 %: not linear, Z may be off by 1.5 %"));
+}
+
+#[test]
+fn repeats_that_drift_are_told_from_repeats_that_do_not() {
+    let run = |seed: u64, drift: f64| {
+        let mut noise = Noisy::new(seed);
+        let cell = any_cell(&mut noise);
+        let bench = Bench { sigma: 1e-3, stated: true };
+        let sweep = |r: usize| {
+            let mut spectrum = measured(&thesis_grid(), &cell, bench, (&mut noise, NONE));
+            spectrum.points.iter_mut().for_each(|p| p.z_ohm *= 1.0 + drift * (r as f64 - 2.0) / 4.0);
+            spectrum
+        };
+        let repeats: Vec<Spectrum> = (0..5).map(sweep).collect();
+        assess(&repeats, &[]).unwrap().stationarity.unwrap()
+    };
+    let still: usize = (0..40).filter(|seed| run(*seed, 0.0).points.iter().any(|p| p.drifts() || p.scatters())).count();
+    // Two families of tests at 1 % each.
+    assert!(still <= usize::try_from(most_by_chance(40, 0.02)).unwrap(), "{still} of 40");
+    let drifting = run(1, 0.01);
+    assert!(drifting.points.iter().filter(|p| p.drifts()).count() >= 15);
+    let trend = drifting.points.iter().filter_map(|p| p.trend_percent).sum::<f64>() / 20.0;
+    assert!((trend - 1.0).abs() < 0.1, "{trend}");
+    assert!((drifting.shift_percent[0] + 0.5).abs() < 0.1, "{:?}", drifting.shift_percent);
+    // The deviations −0.5, −0.25 … +0.5 % have a standard deviation of 0.395 % in the modulus alone, over both parts 0.280 %.
+    assert!((drifting.excess_percent.unwrap() - 0.280).abs() < 0.03, "{:?}", drifting.excess_percent);
+}
+
+#[test]
+fn refuses_what_cannot_be_judged() {
+    let mut noise = Noisy::new(27);
+    let cell = any_cell(&mut noise);
+    let short = measured(&grid(4, 1.0, 100.0), cell, Bench { sigma: 1e-3, stated: true }, (&mut noise, NONE));
+    let message = assess(std::slice::from_ref(&short), &[]).unwrap_err().to_string();
+    assert_eq!(message, "spectrum \"made\": expected at least 6 points to judge it by, met 4");
+    let empty = Spectrum { name: "nothing".into(), points: Vec::new() };
+    assert!(assess(&[empty], &[]).unwrap_err().to_string().contains("at least one point, met none"));
 }

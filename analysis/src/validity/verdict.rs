@@ -45,6 +45,8 @@ pub struct PointVerdict {
     pub grade: Grade,
     /// Why not further, in words.
     pub reasons: Vec<String>,
+    /// The comparison with repeats is one of the reasons.
+    pub repeats_differ: bool,
 }
 
 /// The verdict on a spectrum.
@@ -94,7 +96,7 @@ pub(super) fn verdict(findings: &Findings<'_>) -> SpectrumVerdict {
 
 fn point(findings: &Findings<'_>, k: usize) -> PointVerdict {
     let kk = &findings.kk.points[k];
-    let mut verdict = PointVerdict { freq_hz: kk.freq_hz, grade: Grade::Good, reasons: Vec::new() };
+    let mut verdict = PointVerdict { freq_hz: kk.freq_hz, grade: Grade::Good, reasons: Vec::new(), repeats_differ: false };
     by_kramers_kronig(findings.kk, k, &mut verdict);
     let z_hit = &findings.z_hit.points[k];
     let limit = |rate: f64| Z_HIT_SHARE * rate / findings.z_hit.points.len() as f64;
@@ -111,15 +113,16 @@ fn point(findings: &Findings<'_>, k: usize) -> PointVerdict {
     if let Some(l) = findings.linearity.and_then(|l| l.points.get(k)).filter(|l| l.nonlinear) {
         verdict.add(Grade::Bad, format!("Z changes by {:.2} % with the amplitude: not linear", l.change_percent));
     }
+    for record in findings.records.iter().filter(|r| (r.freq_hz / kk.freq_hz - 1.0).abs() < 1e-3) {
+        by_record(record, &mut verdict);
+    }
     if let Some(s) = findings.stationarity.and_then(|s| s.points.get(k)) {
+        verdict.repeats_differ = s.drifts() || s.scatters();
         if let Some(trend) = s.trend_percent.filter(|_| s.drifts()) {
             verdict.add(Grade::Doubtful, format!("the repeats drift by {trend:.2} % from the first to the last"));
         } else if let Some(excess) = s.excess_percent.filter(|_| s.scatters()) {
             verdict.add(Grade::Doubtful, format!("the repeats scatter by {excess:.2} % beyond the noise"));
         }
-    }
-    for record in findings.records.iter().filter(|r| (r.freq_hz / kk.freq_hz - 1.0).abs() < 1e-3) {
-        by_record(record, &mut verdict);
     }
     verdict
 }
@@ -181,13 +184,20 @@ fn text(findings: &Findings<'_>, points: &[PointVerdict], band: Option<(f64, f64
         (None, _) => "not valid: too many points are bad".to_owned(),
     };
     let whole = band.is_none() && matches!(findings.kk.outcome, KkOutcome::SignSwapped | KkOutcome::Disagrees);
-    let named: Vec<(usize, &PointVerdict)> = points.iter().enumerate().filter(|(_, p)| p.grade != Grade::Good && !whole).collect();
+    let differ = points.iter().filter(|p| p.repeats_differ).count();
+    // Of a point that is suspect by its repeats alone, the number is enough.
+    let own = |p: &PointVerdict| p.grade != Grade::Good && p.reasons.len() > usize::from(p.repeats_differ);
+    let named: Vec<(usize, &PointVerdict)> = points.iter().enumerate().filter(|(_, p)| own(p) && !whole).collect();
     const MOST_NAMED: usize = 4;
     for (k, p) in named.iter().take(MOST_NAMED) {
-        text += &format!("; point {} ({} Hz): {}", k + 1, short(p.freq_hz), p.reasons.join(", "));
+        let reasons = &p.reasons[..p.reasons.len() - usize::from(p.repeats_differ)];
+        text += &format!("; point {} ({} Hz): {}", k + 1, short(p.freq_hz), reasons.join(", "));
     }
     if named.len() > MOST_NAMED {
         text += &format!("; and {} more points", named.len() - MOST_NAMED);
+    }
+    if differ > 0 {
+        text += &format!("; its repeats differ by more than noise at {differ} frequencies");
     }
     text
 }

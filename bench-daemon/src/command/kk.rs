@@ -9,6 +9,8 @@ use analysis::{
     drt::{Drt, drt, start_values},
     formats::{SourcedSpectrum, read_sourced},
     model::RcBranch,
+    plot,
+    report::{Figure, Level, Verdict},
     spectrum::Spectrum,
     validity::{Assessed, Assessment, Grade, Noise, NoiseSource, Record, assess},
 };
@@ -45,6 +47,38 @@ pub struct KkArgs {
 const START_BRANCHES: usize = 4;
 /// So many spectra of a cell are shown with the table of their points.
 const SHOWN_WHOLE: usize = 2;
+
+/// What a run's report says of its spectrum: a line of the verdict, and pictures.
+///
+/// # Errors
+/// A picture that cannot be drawn.
+pub(super) fn in_report(spectrum: &Spectrum) -> Result<(Verdict, Vec<Figure>), Failure> {
+    let assessment = match assess(std::slice::from_ref(spectrum), &[]) {
+        Ok(assessment) => assessment,
+        Err(error) => return Ok((Verdict { level: Level::Note, text: format!("The spectrum was not tested: {error}.") }, Vec::new())),
+    };
+    let Some(assessed) = assessment.spectra.first() else {
+        return Ok((Verdict { level: Level::Note, text: "There is no spectrum to test.".to_owned() }, Vec::new()));
+    };
+    let level = match assessed.verdict.grade {
+        Grade::Good => Level::Good,
+        Grade::Doubtful => Level::Note,
+        Grade::Bad => Level::Bad,
+    };
+    let svg = |chart| plot::chart_svg(&chart).map_err(|error| Failure::Analysis(error.to_string()));
+    let figures = vec![
+        Figure {
+            svg: svg(plots::residuals(assessed))?,
+            caption: "What no circuit of resistances, capacitances and inductances explains of the spectrum, with ±2σ of its noise."
+                .to_owned(),
+        },
+        Figure {
+            svg: svg(plots::z_hit(assessed, spectrum))?,
+            caption: "The modulus as measured and as the phase asks for; they part where the cell changed during the sweep.".to_owned(),
+        },
+    ];
+    Ok((Verdict { level, text: format!("Kramers–Kronig and Z-HIT: {}: {}.", assessed.verdict.grade, assessed.verdict.text) }, figures))
+}
 
 /// The spectra of one cell and what is to be thought of them.
 #[derive(Debug, Serialize)]

@@ -12,6 +12,7 @@ use crate::{
     command::{
         Failure,
         fit::{bode_plot, model_curves},
+        kk,
         run::Measured,
     },
     config::Experiment,
@@ -50,9 +51,13 @@ pub(super) fn write(
     }
     let caption = "Where the uncertainty of the corrected spectrum comes from; the parts add up in squares.".to_owned();
     figures.push(Figure { svg: plot::chart_svg(&chart).map_err(drawn)?, caption });
+    let (validity, pictures) = kk::in_report(&measured.spectrum)?;
+    figures.extend(pictures);
+    let mut verdicts = verdicts(recorder, measured, fits);
+    verdicts.insert(0, validity);
     let report = Report {
         title: format!("{}: {} on bench {}", experiment.name, experiment.cell.name, experiment.bench.name),
-        verdicts: verdicts(recorder, measured, fits),
+        verdicts,
         figures,
         tables: tables(experiment, measured, (fits, budget)),
         provenance: provenance(experiment),
