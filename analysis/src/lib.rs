@@ -10,6 +10,7 @@ pub mod calibration;
 pub mod dataset;
 pub mod fit;
 pub mod formats;
+pub mod joint;
 pub mod model;
 pub mod ocv;
 pub mod pack;

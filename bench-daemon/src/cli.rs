@@ -58,6 +58,8 @@ enum Command {
     Fit(FitArgs),
     /// Open-circuit voltage over state of charge from a slow discharge.
     Ocv(command::ocv::OcvArgs),
+    /// Fit the model to spectra and pulses together; say by how much the spectra alone miss the pulses.
+    Joint(command::joint::JointArgs),
 }
 
 /// Arguments of `run`.
@@ -156,6 +158,7 @@ pub fn main() -> ExitCode {
         Command::Identify(args) => command::identify::identify(&args),
         Command::Fit(args) => command::fit::fit(&args),
         Command::Ocv(args) => command::ocv::ocv(&args),
+        Command::Joint(args) => command::joint::joint(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

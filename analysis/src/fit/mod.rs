@@ -18,10 +18,11 @@ mod warnings;
 
 pub use erm::{ErmFit, fit_erm};
 pub use global::{DeOptions, Member, Strategy, differential_evolution};
-pub use json::{FitEntry, FitReport, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile, PackModel};
+pub use json::{FitEntry, FitReport, JointProvenance, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile, PackModel};
 pub use local::{LocalOptions, Minimum, Smooth, minimise};
 pub use options::{Bounds, FitError, FitOptions, MAX_RC, Objective};
 pub use rng::Rng;
+pub(crate) use uncertainty::sigma_of;
 pub use uncertainty::{ErmSigma, RcSigma};
 
 #[cfg(test)]

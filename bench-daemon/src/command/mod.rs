@@ -2,6 +2,7 @@
 
 pub mod fit;
 pub mod identify;
+pub mod joint;
 pub mod mock;
 pub mod ocv;
 pub mod plan;
