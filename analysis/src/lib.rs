@@ -15,6 +15,7 @@ pub mod drt;
 pub mod fit;
 pub mod formats;
 pub mod forward;
+pub mod joint;
 pub mod model;
 pub mod ocv;
 pub mod pack;

@@ -70,6 +70,8 @@ enum Command {
     Ocv(command::ocv::OcvArgs),
     /// Run load profiles through a fitted model, as a cell or as a pack.
     Simulate(command::simulate::SimulateArgs),
+    /// Fit the model to spectra and pulses together; say by how much the spectra alone miss the pulses.
+    Joint(command::joint::JointArgs),
 }
 
 /// Arguments of `run`.
@@ -174,6 +176,7 @@ pub fn main() -> ExitCode {
         Command::Kk(args) => command::kk::kk(&args),
         Command::Ocv(args) => command::ocv::ocv(&args),
         Command::Simulate(args) => command::simulate::simulate(&args),
+        Command::Joint(args) => command::joint::joint(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -24,10 +24,14 @@ pub use circuit::{CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Searc
 pub use erm::{ErmFit, fit_erm, fit_erm_from};
 pub use global::{Columns, DeOptions, Evolution, Member, Strategy, differential_evolution};
 pub use json::{FitEntry, FitReport, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile, PackModel};
+pub use erm::{ErmFit, fit_erm};
+pub use global::{DeOptions, Member, Strategy, differential_evolution};
+pub use json::{FitEntry, FitReport, JointProvenance, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile, PackModel};
 pub use local::{LocalOptions, Minimum, Smooth, minimise};
 pub use minima::{LocalMinimum, SeedSurvey, survey_seeds};
 pub use options::{Bounds, FitError, FitOptions, MAX_RC, Objective};
 pub use rng::Rng;
+pub(crate) use uncertainty::sigma_of;
 pub use uncertainty::{ErmSigma, RcSigma};
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ pub mod fit;
 pub mod fit_circuit;
 pub mod identify;
 pub mod kk;
+pub mod joint;
 pub mod mock;
 pub mod pack;
 pub mod pack_size;
