@@ -18,4 +18,5 @@ pub mod pack;
 pub mod plot;
 pub mod report;
 pub mod sine;
+pub mod sop;
 pub mod spectrum;

@@ -56,8 +56,10 @@ enum Command {
     Identify(IdentifyArgs),
     /// Fit the extended Randles model to spectra.
     Fit(FitArgs),
-    /// Size a pack of cells.
+    /// Size a pack of cells, or run a profile through packs of cells that differ.
     Pack(command::pack::PackArgs),
+    /// State of power: the most power that can be held, over duration and state of charge.
+    Sop(command::sop::SopArgs),
 }
 
 /// Arguments of `run`.
@@ -156,6 +158,7 @@ pub fn main() -> ExitCode {
         Command::Identify(args) => command::identify::identify(&args),
         Command::Fit(args) => command::fit::fit(&args),
         Command::Pack(args) => command::pack::pack(&args),
+        Command::Sop(args) => command::sop::sop(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

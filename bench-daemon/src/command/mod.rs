@@ -4,9 +4,11 @@ pub mod fit;
 pub mod identify;
 pub mod mock;
 pub mod pack;
+pub mod pack_simulate;
 pub mod pack_size;
 pub mod plan;
 pub mod run;
+pub mod sop;
 
 use crate::{bench::BenchError, config::ConfigError, executor::ExecuteError, plan::PlanError, record::RecordError, sim::SimError};
 
