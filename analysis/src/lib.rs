@@ -23,5 +23,6 @@ pub mod plot;
 pub mod report;
 pub mod series;
 pub mod sine;
+pub mod sop;
 pub mod spectrum;
 pub mod validity;

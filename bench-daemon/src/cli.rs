@@ -62,7 +62,7 @@ enum Command {
     Identify(IdentifyArgs),
     /// Fit the extended Randles model, or any equivalent circuit, to spectra.
     Fit(FitArgs),
-    /// Size a pack of cells.
+    /// Size a pack of cells, or run a profile through packs of cells that differ.
     Pack(command::pack::PackArgs),
     /// Test spectra: Kramers–Kronig, Z-HIT, linearity, stationarity; distribution of relaxation times.
     Kk(command::kk::KkArgs),
@@ -72,6 +72,8 @@ enum Command {
     Simulate(command::simulate::SimulateArgs),
     /// Fit the model to spectra and pulses together; say by how much the spectra alone miss the pulses.
     Joint(command::joint::JointArgs),
+    /// State of power: the most power that can be held, over duration and state of charge.
+    Sop(command::sop::SopArgs),
 }
 
 /// Arguments of `run`.
@@ -177,6 +179,7 @@ pub fn main() -> ExitCode {
         Command::Ocv(args) => command::ocv::ocv(&args),
         Command::Simulate(args) => command::simulate::simulate(&args),
         Command::Joint(args) => command::joint::joint(&args),
+        Command::Sop(args) => command::sop::sop(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -5,9 +5,12 @@
 //! pack can do.
 
 mod heat;
+mod network;
+mod scatter;
 mod sizing;
 
 pub use heat::{Hold, ThermalMass};
+pub use scatter::{BandRow, Draws, Outcome, Percentiles, Scatter, ScatterSetup, Spread, scatter};
 pub use sizing::{OperatingPoint, PeakLimit, SimpleIr, Sizing, SizingInput, check_window};
 
 use crate::model::{Erm, ModelError, RcBranch};

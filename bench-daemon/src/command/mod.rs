@@ -7,11 +7,13 @@ pub mod kk;
 pub mod joint;
 pub mod mock;
 pub mod pack;
+pub mod pack_simulate;
 pub mod pack_size;
 pub mod ocv;
 pub mod plan;
 pub mod run;
 pub mod simulate;
+pub mod sop;
 
 use crate::{bench::BenchError, config::ConfigError, executor::ExecuteError, plan::PlanError, record::RecordError, sim::SimError};
 

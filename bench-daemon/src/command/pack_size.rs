@@ -3,14 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    dataset,
     pack::{Hold, OperatingPoint, Pack, PackError, SimpleIr, Sizing, SizingInput, ThermalMass},
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle, chart},
 };
 use clap::Args;
 use serde::Serialize;
 
-use super::Failure;
+use super::{Failure, pack::folder};
 use crate::terminal::say;
 
 const HELP: &str = "\
@@ -114,16 +113,16 @@ pub fn size(args: &SizeArgs) -> Result<(), Failure> {
     let hold = held.map(|held| Hold::new(&input, held, args.thermal.mass())).transpose().map_err(usage)?;
     let report = SizeReport { sizing, hold };
     let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
-    if let Some(folder) = &args.out {
-        write(folder, &json, &voltage_over_power(&input, &report.sizing).map_err(usage)?)?;
+    if let Some(out) = &args.out {
+        write(out, &json, &voltage_over_power(&input, &report.sizing).map_err(usage)?)?;
     }
     if args.json {
         say!("{json}");
         return Ok(());
     }
     print_text(&input, &report);
-    if let Some(folder) = &args.out {
-        say!("written to {}", folder.display());
+    if let Some(out) = &args.out {
+        say!("written to {}", out.display());
     }
     Ok(())
 }
@@ -215,12 +214,11 @@ fn voltage_over_power(input: &SizingInput, s: &Sizing) -> Result<Chart, PackErro
     Ok(Chart::new(&title, &subtitle, vec![Panel { aspect: 0.6, ..panel }]))
 }
 
-fn write(folder: &Path, json: &str, picture: &Chart) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|error| Failure::Usage(format!("--out {}: {error}", folder.display())))?;
-    let failed = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
-    dataset::write_atomically(&folder.join("sizing.json"), format!("{json}\n").as_bytes()).map_err(|error| failed(&error))?;
+fn write(out: &Path, json: &str, picture: &Chart) -> Result<(), Failure> {
+    folder(out, "sizing.json", json)?;
     for extension in ["svg", "png"] {
-        chart(picture, &folder.join(format!("voltage_over_power.{extension}"))).map_err(|error| failed(&error))?;
+        let path = out.join(format!("voltage_over_power.{extension}"));
+        chart(picture, &path).map_err(|error| Failure::Analysis(error.to_string()))?;
     }
     Ok(())
 }
