@@ -164,6 +164,7 @@ impl JointFit {
             reduced_chi2: Some(self.reduced_chi2),
             warnings: self.warnings.clone(),
             bounds: options.bounds,
+            other_minima: Vec::new(),
             seed: options.seed,
         }
     }

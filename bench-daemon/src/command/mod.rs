@@ -3,13 +3,13 @@
 pub mod fit;
 pub mod fit_circuit;
 pub mod identify;
-pub mod kk;
 pub mod joint;
+pub mod kk;
 pub mod mock;
+pub mod ocv;
 pub mod pack;
 pub mod pack_simulate;
 pub mod pack_size;
-pub mod ocv;
 pub mod plan;
 pub mod run;
 pub mod simulate;
