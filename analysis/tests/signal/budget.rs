@@ -110,7 +110,8 @@ fn each_part_of_a_record_follows_its_own_cause() {
         variance.drift = Covariance2 { re_re: 1e-13, re_im: 0.0, im_im: 0.0 };
     }
     let before = BudgetPoint::new(&correction, &phasors);
-    let doubled: [(Cause, fn(&mut PhasorVariance) -> &mut Covariance2); 3] = [
+    type Pick = fn(&mut PhasorVariance) -> &mut Covariance2;
+    let doubled: [(Cause, Pick); 3] = [
         (Cause::Noise, |variance| &mut variance.noise),
         (Cause::Quantisation, |variance| &mut variance.quantisation),
         (Cause::Drift, |variance| &mut variance.drift),
