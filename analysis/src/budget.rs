@@ -201,8 +201,13 @@ impl Budget {
             });
             Panel { aspect: 0.36, ..Panel::new(x(), AxisSpec::logarithmic(name), traces) }
         };
-        let magnitude = panel("1σ of |Z| / %", true, |sigma| sigma.magnitude_pct);
+        let mut magnitude = panel("1σ of |Z| / %", true, |sigma| sigma.magnitude_pct);
         let phase = panel("1σ of the phase / °", false, |sigma| sigma.phase_deg);
+        for (above, below) in magnitude.traces.iter_mut().zip(&phase.traces) {
+            if above.points.is_empty() && below.points.is_empty() {
+                above.label = None;
+            }
+        }
         Chart::new(
             title,
             "one standard deviation by cause; solid: of the record, dashed: of the correction, points: all together",

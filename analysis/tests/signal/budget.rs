@@ -221,7 +221,7 @@ fn the_table_has_a_column_for_every_cause_that_is_there() {
     let table = budget.table();
     assert!(table.rows.len() == 20 && table.rows.iter().all(|row| row.len() == table.header.len()));
     let svg = analysis::plot::chart_svg(&budget.chart("Budget")).unwrap();
-    for word in ["mutual inductance", "noise of the controls", "total", "1σ of |Z| / %", "Frequency / Hz"] {
+    for word in ["skew", "noise of the controls", "total", "1σ of |Z| / %", "Frequency / Hz"] {
         assert!(svg.contains(word), "{word}");
     }
     let back: Budget = serde_json::from_str(&serde_json::to_string(&budget).unwrap()).unwrap();
