@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 const FEWEST_POINTS: usize = 6;
 const PENALTY_ON_FREEDOM: f64 = 1.4;
 /// Of all λ whose score is within this factor of the best, the smoothest is taken: the best is often one of many alike.
-const AS_GOOD: f64 = 1.15;
+const AS_GOOD: f64 = 1.03;
 /// Decades of λ that are tried, relative to the size of the data's normal matrix.
 const DECADES: (i32, i32) = (-9, 1);
 const PER_DECADE: i32 = 2;
