@@ -117,7 +117,7 @@ fn result(design: &Design, best: &Candidate, covariance: &DMatrix<f64>) -> Drt {
         inductance_h: estimate(1),
         elastance_per_f: estimate(2),
         warburg_ohm_per_sqrt_s: estimate(3),
-        polarisation_ohm: Estimate { value: nodes.clone().map(|j| x[j]).sum(), sigma: area_variance.max(0.0).sqrt() },
+        polarisation_ohm: Estimate { value: nodes.map(|j| x[j]).sum(), sigma: area_variance.max(0.0).sqrt() },
         lambda: best.lambda,
         freedom: best.freedom,
         reduced_chi2: reduced_chi2(design, best),
