@@ -10,10 +10,19 @@
 //! Since the potential that C3 and C4 share is several times the voltage between them, a mismatch of their gains *adds* an error to Z that is
 //! proportional to that shared potential. No factor on Z can take it off, and one found on the shunt is wrong on the cell.
 //!
-//! Two controls determine the parameters: the voltage probes on the shunt (V₃/c₃ = V₁; V₄/c₄ − V₂/c₂ = jωM_shunt·i) and a fake cell of known
-//! impedance in the jig (u = (R_f + jωL_f)·i). Every parameter has a Gaussian prior, so that what was not measured stays as uncertain as it was, and
-//! the uncertainty of the correction travels with every impedance. Combinations that the controls cannot tell apart, such as a skew of C4 and
-//! the pick-up, share their prior uncertainty; where they act alike on the cell too, that cancels.
+//! Controls determine the parameters, each as far as it was measured: the voltage probes on the shunt (V₃/c₃ = V₁; V₄/c₄ − V₂/c₂ = jωM_shunt·i), a
+//! fake cell and a short of known impedance in the jig (u = (R + jωL)·i), and an open jig, whose stray admittance Y takes the current Y·u past the
+//! cell: Z = u/(i − Y·u). Every parameter has a Gaussian prior, so that what was not measured stays as uncertain as it was, and the uncertainty of
+//! the correction travels with every impedance. Combinations that the controls cannot tell apart, such as a skew of C4 and the pick-up, share their
+//! prior uncertainty; where they act alike on the cell too, that cancels.
+//!
+//! What each control is for: the shunt equals C3 to C1 and C4 to C2. The short shows, at a voltage near zero, what the shared potential adds. The fake
+//! cell differs from the short by a known voltage, so that only both together tell the skew of C2, which turns the current, from the pick-up; with the
+//! fake cell alone that skew stays as uncertain as its prior. The open bounds a leak beside the cell; no other control sees one.
+//!
+//! Sources: the estimate is linear in the errors of the priors and the noise of the controls, and with C the covariance in units of the priors the error
+//! of prior k enters as C·eₖ, the noise of the controls as C − C². These parts add up to C exactly, whatever the parameters' correlations:
+//! [`Correction::parts`].
 //!
 //! Knows no file and no fit of sinusoids: phasors with their noise come in.
 
@@ -21,9 +30,11 @@ mod model;
 mod solve;
 mod verdict;
 
+use num_complex::Complex64;
+
 use crate::spectrum::{ChannelPhasors, Covariance2, ImpedancePoint};
 use model::{COUNT, Harness};
-pub use verdict::{ControlTolerance, ControlVerdict, check_control};
+pub use verdict::{ControlTolerance, ControlVerdict, check_control, check_short};
 
 /// An impedance R + jωL known from elsewhere, with standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -40,9 +51,63 @@ pub struct KnownImpedance {
 
 impl KnownImpedance {
     /// Impedance at a frequency, Ω.
-    pub fn at(&self, freq_hz: f64) -> num_complex::Complex64 {
-        num_complex::Complex64::new(self.r_ohm, std::f64::consts::TAU * freq_hz * self.l_h)
+    pub fn at(&self, freq_hz: f64) -> Complex64 {
+        Complex64::new(self.r_ohm, std::f64::consts::TAU * freq_hz * self.l_h)
     }
+}
+
+/// Conductance and capacitance between the contacts of the empty jig, beside whatever is clamped into it, with standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct StrayAdmittance {
+    /// Conductance, S.
+    pub g_s: f64,
+    /// Its standard deviation, S.
+    pub g_sigma_s: f64,
+    /// Capacitance, F.
+    pub c_f: f64,
+    /// Its standard deviation, F.
+    pub c_sigma_f: f64,
+}
+
+impl StrayAdmittance {
+    /// None, exactly.
+    pub const NONE: Self = Self { g_s: 0.0, g_sigma_s: 0.0, c_f: 0.0, c_sigma_f: 0.0 };
+
+    /// What is known from bounds: a leak of at least `least_ohm` and a capacitance of at most `greatest_f`, anything between nothing and the bound
+    /// being as likely.
+    pub fn within(least_ohm: f64, greatest_f: f64) -> Self {
+        let middle = |bound: f64| (0.5 * bound, bound / 12.0f64.sqrt());
+        let ((g_s, g_sigma_s), (c_f, c_sigma_f)) = (middle(least_ohm.recip()), middle(greatest_f));
+        Self { g_s, g_sigma_s, c_f, c_sigma_f }
+    }
+}
+
+/// Where the uncertainty of a correction comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Source {
+    /// The current shunt's resistance and inductance as they are known.
+    Shunt,
+    /// Gains, as far as no control tells them.
+    Gain,
+    /// Time skews, as far as no control tells them.
+    Skew,
+    /// Mutual inductances, as far as no control tells them.
+    Mutual,
+    /// The fake cell's impedance as it is known.
+    FakeCell,
+    /// The short's impedance as it is known.
+    Short,
+    /// The admittance of the open jig as it is known.
+    Open,
+    /// Noise of the runs over the controls.
+    ControlNoise,
+}
+
+impl Source {
+    /// All of them.
+    pub const ALL: [Self; 8] =
+        [Self::Shunt, Self::Gain, Self::Skew, Self::Mutual, Self::FakeCell, Self::Short, Self::Open, Self::ControlNoise];
 }
 
 /// Standard deviations of what the harness is before anything is measured.
@@ -72,6 +137,10 @@ pub struct Controls<'a> {
     pub shunt: &'a [ChannelPhasors],
     /// Run with a fake cell of known impedance in the jig.
     pub fake_cell: Option<(KnownImpedance, &'a [ChannelPhasors])>,
+    /// Run with a short in the jig.
+    pub short: Option<(KnownImpedance, &'a [ChannelPhasors])>,
+    /// What a meter says of the open jig. Where it was not measured, nothing is claimed: no admittance, and no uncertainty of it.
+    pub open: Option<StrayAdmittance>,
     /// What is known of the harness beforehand.
     pub priors: Priors,
 }
@@ -81,7 +150,8 @@ pub struct Controls<'a> {
 pub struct Correction {
     values: [f64; COUNT],
     covariance: [[f64; COUNT]; COUNT],
-    has_fake_cell: bool,
+    prior_sigmas: [f64; COUNT],
+    told: [bool; COUNT],
     /// Sum of squared deviations, each over its standard deviation, per degree of freedom: near 1 if model and noise are right. `None` if nothing
     /// was measured.
     pub reduced_chi2: Option<f64>,
@@ -119,6 +189,12 @@ pub enum CalibrationError {
         name: &'static str,
         /// What was given.
         known: KnownImpedance,
+    },
+    /// An open jig is none.
+    #[error("open jig: expected a finite conductance and capacitance and standard deviations of 0 or more, met {stray:?}")]
+    Stray {
+        /// What was given.
+        stray: StrayAdmittance,
     },
     /// A prior leaves nothing open, or all.
     #[error("expected priors with positive, finite standard deviations, met {priors:?}")]
@@ -164,7 +240,7 @@ impl Correction {
 
     /// Nothing measured, nothing corrected: the current shunt as given, and all else at the default [`Priors`] with their uncertainty.
     pub fn none(current_shunt: KnownImpedance) -> Self {
-        let controls = Controls { current_shunt, shunt: &[], fake_cell: None, priors: Priors::default() };
+        let controls = Controls { current_shunt, shunt: &[], fake_cell: None, short: None, open: None, priors: Priors::default() };
         solve::unmeasured(&controls)
     }
 
@@ -173,7 +249,7 @@ impl Correction {
     pub fn apply(&self, phasors: &ChannelPhasors) -> ImpedancePoint {
         let harness = Harness::new(&self.values, phasors);
         let (current, impedance) = (harness.current(), harness.impedance());
-        let covariance = impedance.noise(&phasors.variance) + impedance.carried(&self.covariance);
+        let covariance = impedance.noise(&phasors.totals()) + impedance.carried(&self.covariance);
         ImpedancePoint { freq_hz: phasors.freq_hz, z_ohm: impedance.value, covariance, amplitude_a: current.value.norm() }
     }
 
@@ -183,13 +259,44 @@ impl Correction {
         Harness::new(&self.values, phasors).impedance().carried(&self.covariance)
     }
 
+    /// Parts of the covariance of [`Self::apply`] that the noise of the phasors, their rounding and their drift have, Ω².
+    pub fn measured_parts(&self, phasors: &ChannelPhasors) -> [Covariance2; 3] {
+        let impedance = Harness::new(&self.values, phasors).impedance();
+        [
+            impedance.noise(&phasors.variance.map(|variance| variance.noise)),
+            impedance.noise(&phasors.variance.map(|variance| variance.quantisation)),
+            impedance.noise(&phasors.variance.map(|variance| variance.drift)),
+        ]
+    }
+
+    /// Parts of [`Self::carried_covariance`] by source, Ω²; they add up to it.
+    pub fn parts(&self, phasors: &ChannelPhasors) -> Vec<(Source, Covariance2)> {
+        let impedance = Harness::new(&self.values, phasors).impedance();
+        let slopes = impedance.by_parameters();
+        let along = |prior: usize| {
+            let direction: Complex64 = slopes.iter().zip(&self.covariance).map(|(slope, row)| *slope * row[prior]).sum();
+            Covariance2::along(direction / self.prior_sigmas[prior])
+        };
+        let of = |source: Source| {
+            let known = |prior: &usize| model::NAMES[*prior].2 == source && self.prior_sigmas[*prior] > 0.0;
+            (0..COUNT).filter(known).map(along).sum::<Covariance2>()
+        };
+        let mut parts: Vec<(Source, Covariance2)> = Source::ALL.into_iter().map(|source| (source, of(source))).collect();
+        let told: Covariance2 = parts.iter().map(|(_, part)| *part).sum();
+        let rest = impedance.carried(&self.covariance) + told.times(-1.0);
+        if let Some((_, noise)) = parts.iter_mut().find(|(source, _)| *source == Source::ControlNoise) {
+            // Rounding must not leave a negative variance where the controls tell nothing.
+            *noise = Covariance2 { re_re: rest.re_re.max(0.0), im_im: rest.im_im.max(0.0), ..rest };
+        }
+        parts
+    }
+
     /// The parameters with standard deviations.
     pub fn parameters(&self) -> Vec<HarnessParameter> {
-        let count = if self.has_fake_cell { COUNT } else { COUNT - model::FAKE_CELL };
         let parameter = |index: usize| {
-            let (name, unit) = model::NAMES[index];
+            let (name, unit, _) = model::NAMES[index];
             HarnessParameter { name, value: self.values[index], sigma: self.covariance[index][index].sqrt(), unit }
         };
-        (0..count).map(parameter).collect()
+        (0..COUNT).filter(|index| self.told[*index]).map(parameter).collect()
     }
 }

@@ -226,6 +226,14 @@ pub fn write_series_parquet(path: &Path, series: &[SeriesRow]) -> Result<(), Dat
     rows::write_parquet(path, series)
 }
 
+/// Writes any columns as Parquet; all must have the same length.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Parquet`].
+pub fn write_columns_parquet(path: &Path, columns: &[(ColumnSpec, &[f64])]) -> Result<(), DatasetError> {
+    rows::write_columns(path, columns)
+}
+
 /// Reads a time series from Parquet.
 ///
 /// # Errors

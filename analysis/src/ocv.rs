@@ -2,7 +2,14 @@
 //!
 //! SOC is a fraction, 0 at the lower and 1 at the upper voltage limit; the capacity between them gives it charge. Between the knots the curve is the
 //! cubic Hermite polynomial of the knots' values and slopes; beyond the first and the last knot it goes on straight, so that a simulation that
-//! leaves the table is not held at its end. How a curve is found from a measurement is not told here.
+//! leaves the table is not held at its end. [`extract`] finds the curve of a slow discharge.
+
+mod extract;
+mod polynomial;
+mod spline;
+
+pub use extract::{ExtractError, Hysteresis, OcvExtraction, OcvOptions, compensated, extract};
+pub use polynomial::{MAX_ORDER, OcvPolynomial};
 
 use serde::{Deserialize, Serialize};
 

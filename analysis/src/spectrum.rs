@@ -3,20 +3,11 @@
 //! A phasor `p` stands for the signal Re{p · exp(jωt)}; all phasors of one point share the same time zero. The voltage pair is channel 4 minus
 //! channel 3, the current pair channel 2 minus channel 1 over the shunt (thesis 3.3.1).
 
+mod phasors;
+
 use num_complex::Complex64;
 
-use crate::sine::{ChannelFit, SineFit};
-
-/// Phasors of the four single-ended probe channels at one frequency, before any correction.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct ChannelPhasors {
-    /// Frequency, Hz.
-    pub freq_hz: f64,
-    /// Phasors of channels 1…4, V (zero to peak).
-    pub volts: [Complex64; 4],
-    /// Variance of the real part (and, equal and independent, of the imaginary part) of each phasor, V².
-    pub variance: [f64; 4],
-}
+pub use phasors::{ChannelPhasors, PhasorVariance, code_step};
 
 /// A complex impedance at one frequency with the covariance of its parts.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -81,6 +72,12 @@ impl Covariance2 {
         }
     }
 
+    /// Covariance of the number times the root of `factor`.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
+        Self { re_re: factor * self.re_re, re_im: factor * self.re_im, im_im: factor * self.im_im }
+    }
+
     /// Variance of the part along the direction of angle `angle_rad`.
     pub fn variance_along(&self, angle_rad: f64) -> f64 {
         let (sin, cos) = angle_rad.sin_cos();
@@ -102,6 +99,12 @@ impl std::ops::Add for Covariance2 {
 
     fn add(self, other: Self) -> Self {
         Self { re_re: self.re_re + other.re_re, re_im: self.re_im + other.re_im, im_im: self.im_im + other.im_im }
+    }
+}
+
+impl std::iter::Sum for Covariance2 {
+    fn sum<I: Iterator<Item = Self>>(parts: I) -> Self {
+        parts.fold(Self::ZERO, |sum, part| sum + part)
     }
 }
 
@@ -136,35 +139,19 @@ pub enum SpectrumError {
     },
 }
 
-impl ChannelPhasors {
-    /// Phasors of a fit of the four probe channels. The variance of a part is half of that of both.
-    ///
-    /// # Errors
-    /// [`SpectrumError::Channels`] unless the fit has four channels.
-    pub fn from_fit(fit: &SineFit) -> Result<Self, SpectrumError> {
-        let channels =
-            <&[ChannelFit; 4]>::try_from(fit.channels.as_slice()).map_err(|_| SpectrumError::Channels { found: fit.channels.len() })?;
-        Ok(Self {
-            freq_hz: fit.freq_hz,
-            volts: channels.map(|channel| channel.phasor),
-            variance: channels.map(|channel| 0.5 * (channel.variance.re_re + channel.variance.im_im)),
-        })
-    }
-}
-
 /// Impedance by the voltage pair over the current pair, (V₄ − V₃)/(V₂ − V₁) · R_shunt, without any correction, with the covariance that the noise of
 /// the four channels gives it. Not finite where there is no current.
 ///
-/// The quotient is analytic in every channel, so the noise, circular in each channel, stays circular: its derivatives are R/(V₂ − V₁) towards V₄
-/// and −V₃, and Z/(V₂ − V₁) towards V₁ and −V₂.
+/// The quotient is analytic in every channel, so a derivative turns and stretches the covariance of its phasor: R/(V₂ − V₁) towards V₄ and −V₃,
+/// and Z/(V₂ − V₁) towards V₁ and −V₂.
 pub fn raw_impedance(phasors: &ChannelPhasors, shunt_ohm: f64) -> ImpedancePoint {
     let [v1, v2, v3, v4] = phasors.volts;
     let across_shunt = v2 - v1;
     let z_ohm = (v4 - v3) / across_shunt * shunt_ohm;
     let by_voltage = Complex64::from(shunt_ohm) / across_shunt;
     let by_current = z_ohm / across_shunt;
-    let [n1, n2, n3, n4] = phasors.variance;
-    let noise = Covariance2::circular(n3 + n4).scaled(by_voltage) + Covariance2::circular(n1 + n2).scaled(by_current);
+    let [n1, n2, n3, n4] = phasors.totals();
+    let noise = (n3 + n4).scaled(by_voltage) + (n1 + n2).scaled(by_current);
     ImpedancePoint { freq_hz: phasors.freq_hz, z_ohm, covariance: noise, amplitude_a: across_shunt.norm() / shunt_ohm.abs() }
 }
 

@@ -22,8 +22,12 @@ Examples:
     eis-bench mock configs/benches/demo.toml --json
   Fit the extended Randles model to spectra from anywhere:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
+  Fit any equivalent circuit, without start values:
+    eis-bench fit SPECTRUM.csv --circuit 'R0-p(R1,C1)-p(R2-Wo1,CPE1)'
   May these spectra be believed? Kramers–Kronig and more, with pictures:
     eis-bench kk SPECTRUM.csv --drt --out FOLDER
+  Run a load profile through a pack of the fitted cells:
+    eis-bench simulate --model FOLDER/model_4rc.json --profile POWER.csv --series 16 --parallel 3 --ocv-v 3.72
 
 Exit codes:
   0  done
@@ -56,10 +60,20 @@ enum Command {
     Mock(MockArgs),
     /// Ask every instrument of a bench who it is. Changes nothing on any of them.
     Identify(IdentifyArgs),
-    /// Fit the extended Randles model to spectra.
+    /// Fit the extended Randles model, or any equivalent circuit, to spectra.
     Fit(FitArgs),
+    /// Size a pack of cells, or run a profile through packs of cells that differ.
+    Pack(command::pack::PackArgs),
     /// Test spectra: Kramers–Kronig, Z-HIT, linearity, stationarity; distribution of relaxation times.
     Kk(command::kk::KkArgs),
+    /// Open-circuit voltage over state of charge from a slow discharge.
+    Ocv(command::ocv::OcvArgs),
+    /// Run load profiles through a fitted model, as a cell or as a pack.
+    Simulate(command::simulate::SimulateArgs),
+    /// Fit the model to spectra and pulses together; say by how much the spectra alone miss the pulses.
+    Joint(command::joint::JointArgs),
+    /// State of power: the most power that can be held, over duration and state of charge.
+    Sop(command::sop::SopArgs),
 }
 
 /// Arguments of `run`.
@@ -132,6 +146,9 @@ pub struct FitArgs {
     /// What is minimised: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only) or `complex` (least squares).
     #[arg(long, default_value = "complex")]
     pub objective: String,
+    /// A circuit instead of the extended Randles model, and how to fit it.
+    #[command(flatten)]
+    pub circuit: command::fit_circuit::CircuitArgs,
     /// Seed of the global search.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
@@ -157,7 +174,12 @@ pub fn main() -> ExitCode {
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),
         Command::Fit(args) => command::fit::fit(&args),
+        Command::Pack(args) => command::pack::pack(&args),
         Command::Kk(args) => command::kk::kk(&args),
+        Command::Ocv(args) => command::ocv::ocv(&args),
+        Command::Simulate(args) => command::simulate::simulate(&args),
+        Command::Joint(args) => command::joint::joint(&args),
+        Command::Sop(args) => command::sop::sop(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -178,7 +200,7 @@ mod tests {
     fn the_command_line_is_sound_and_its_help_teaches() {
         Cli::command().debug_assert();
         let help = Cli::command().render_long_help().to_string();
-        for text in ["run", "plan", "mock", "identify", "fit", "Examples:", "Exit codes:"] {
+        for text in ["run", "plan", "mock", "identify", "fit", "simulate", "Examples:", "Exit codes:"] {
             assert!(help.contains(text), "{help}");
         }
     }

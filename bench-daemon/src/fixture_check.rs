@@ -2,13 +2,19 @@
 //!
 //! Pure: points in, correction and verdicts out.
 
+use std::collections::BTreeMap;
+
 use analysis::{
     calibration::{self, CalibrationError, ControlTolerance, ControlVerdict, Controls, Correction, KnownImpedance, Priors},
     spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
 };
 use instruments::mock::plant::Fixture;
 
-use crate::{config::Bench, executor::SweepPoint, plan::fixture_name};
+use crate::{
+    config::{Bench, Tolerance},
+    executor::SweepPoint,
+    plan::fixture_name,
+};
 
 /// After the correction a control must be right in phase too: this many degrees for each per cent of its tolerance (1 % of a number is 0.57°).
 const DEGREES_PER_SHARE: f64 = 180.0 / std::f64::consts::PI;
@@ -28,10 +34,12 @@ pub struct ControlResult {
 
 /// The control's known impedance.
 pub fn known(bench: &Bench, fixture: Fixture) -> KnownImpedance {
-    match (fixture, bench.fake_cell) {
-        (Fixture::FakeCell, Some(fake_cell)) => fake_cell,
-        _ => bench.wiring.shunt,
-    }
+    let other = match fixture {
+        Fixture::FakeCell => bench.fake_cell,
+        Fixture::Short => bench.short,
+        Fixture::Shunt | Fixture::Cell => None,
+    };
+    other.unwrap_or(bench.wiring.shunt)
 }
 
 /// Impedances as read, without any correction.
@@ -40,29 +48,45 @@ pub fn raw_points(bench: &Bench, points: &[SweepPoint]) -> Vec<ImpedancePoint> {
 }
 
 /// Judges a control as read.
-pub fn judge_raw(bench: &Bench, fixture: Fixture, tolerance: &ControlTolerance, points: &[SweepPoint]) -> ControlResult {
+pub fn judge_raw(bench: &Bench, fixture: Fixture, tolerance: &Tolerance, points: &[SweepPoint]) -> ControlResult {
     let known = known(bench, fixture);
-    let raw = calibration::check_control(&raw_points(bench, points), &known, tolerance);
+    let raw = judge(&raw_points(bench, points), &known, tolerance);
     ControlResult { control: fixture_name(fixture), known, raw, corrected: None }
 }
 
-/// The correction that the controls give.
+fn judge(points: &[ImpedancePoint], known: &KnownImpedance, tolerance: &Tolerance) -> ControlVerdict {
+    match tolerance {
+        Tolerance::Relative(tolerance) => calibration::check_control(points, known, tolerance),
+        Tolerance::Absolute(error_ohm) => calibration::check_short(points, known, *error_ohm),
+    }
+}
+
+/// The correction that the controls give, as far as they were measured: points by the name of the fixture.
 ///
 /// # Errors
 /// Controls from which it cannot be computed.
-pub fn correction(bench: &Bench, shunt: &[SweepPoint], fake_cell: &[SweepPoint]) -> Result<Correction, CalibrationError> {
-    let shunt = phasors(shunt);
-    let fake = phasors(fake_cell);
-    let fake_cell = bench.fake_cell.filter(|_| !fake.is_empty()).map(|known| (known, fake.as_slice()));
-    Correction::fit(&Controls { current_shunt: bench.wiring.shunt, shunt: &shunt, fake_cell, priors: Priors::default() })
+pub fn correction(bench: &Bench, sweeps: &BTreeMap<&'static str, Vec<SweepPoint>>) -> Result<Correction, CalibrationError> {
+    let of = |fixture: Fixture| sweeps.get(fixture_name(fixture)).map_or_else(Vec::new, |points| phasors(points));
+    let (shunt, fake, short) = (of(Fixture::Shunt), of(Fixture::FakeCell), of(Fixture::Short));
+    Correction::fit(&Controls {
+        current_shunt: bench.wiring.shunt,
+        shunt: &shunt,
+        fake_cell: bench.fake_cell.filter(|_| !fake.is_empty()).map(|known| (known, fake.as_slice())),
+        short: bench.short.filter(|_| !short.is_empty()).map(|known| (known, short.as_slice())),
+        open: bench.open,
+        priors: Priors::default(),
+    })
 }
 
-/// Judges a control after the correction. The shunt with the probes on it shares its place with the correction's own reference, so that only the
-/// fake cell tells something new.
-pub fn judge_corrected(correction: &Correction, known: &KnownImpedance, tolerance: f64, points: &[SweepPoint]) -> ControlVerdict {
+/// Judges a control after the correction, within a share of its impedance; a short, within that share of the current shunt's, for it has none. The shunt
+/// with the probes on it shares its place with the correction's own reference, so that only what was in the jig tells something new.
+pub fn judge_corrected(bench: &Bench, fixture: Fixture, (correction, share): (&Correction, f64), points: &[SweepPoint]) -> ControlVerdict {
     let corrected: Vec<ImpedancePoint> = points.iter().map(|point| correction.apply(&point.phasors)).collect();
-    let tolerance = ControlTolerance { magnitude_rel: tolerance, phase_deg: tolerance * DEGREES_PER_SHARE };
-    calibration::check_control(&corrected, known, &tolerance)
+    let tolerance = match fixture {
+        Fixture::Short => Tolerance::Absolute(share * bench.wiring.shunt.r_ohm),
+        _ => Tolerance::Relative(ControlTolerance { magnitude_rel: share, phase_deg: share * DEGREES_PER_SHARE }),
+    };
+    judge(&corrected, &known(bench, fixture), &tolerance)
 }
 
 fn phasors(points: &[SweepPoint]) -> Vec<ChannelPhasors> {

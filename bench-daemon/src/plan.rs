@@ -256,6 +256,7 @@ impl fmt::Display for Purpose {
             Self::Sweep(Fixture::Cell) => "EIS sweep of the cell",
             Self::Sweep(Fixture::Shunt) => "fixture check: shunt",
             Self::Sweep(Fixture::FakeCell) => "fixture check: fake cell",
+            Self::Sweep(Fixture::Short) => "fixture check: short",
         })
     }
 }
@@ -293,6 +294,7 @@ pub fn fixture_name(fixture: Fixture) -> &'static str {
         Fixture::Cell => "cell",
         Fixture::Shunt => "shunt",
         Fixture::FakeCell => "fake_cell",
+        Fixture::Short => "short",
     }
 }
 

@@ -8,12 +8,11 @@ use std::ops::{Add, Div, Mul, Sub};
 
 use num_complex::Complex64;
 
+use super::Source;
 use crate::spectrum::{ChannelPhasors, Covariance2};
 
 /// Number of parameters.
-pub(super) const COUNT: usize = 12;
-/// Of these, the last ones describe the fake cell.
-pub(super) const FAKE_CELL: usize = 2;
+pub(super) const COUNT: usize = 16;
 
 const GAIN: usize = 0;
 const SKEW: usize = 3;
@@ -23,21 +22,29 @@ const SHUNT_R: usize = 8;
 const SHUNT_L: usize = 9;
 const FAKE_R: usize = 10;
 const FAKE_L: usize = 11;
+const SHORT_R: usize = 12;
+const SHORT_L: usize = 13;
+const STRAY_G: usize = 14;
+const STRAY_C: usize = 15;
 
-/// Names and units.
-pub(super) const NAMES: [(&str, &str); COUNT] = [
-    ("gain_c2", "1"),
-    ("gain_c3", "1"),
-    ("gain_c4", "1"),
-    ("skew_c2", "s"),
-    ("skew_c3", "s"),
-    ("skew_c4", "s"),
-    ("mutual_shunt", "H"),
-    ("mutual_jig", "H"),
-    ("shunt_r", "Ω"),
-    ("shunt_l", "H"),
-    ("fake_cell_r", "Ω"),
-    ("fake_cell_l", "H"),
+/// Names, units, and whose uncertainty it is.
+pub(super) const NAMES: [(&str, &str, Source); COUNT] = [
+    ("gain_c2", "1", Source::Gain),
+    ("gain_c3", "1", Source::Gain),
+    ("gain_c4", "1", Source::Gain),
+    ("skew_c2", "s", Source::Skew),
+    ("skew_c3", "s", Source::Skew),
+    ("skew_c4", "s", Source::Skew),
+    ("mutual_shunt", "H", Source::Mutual),
+    ("mutual_jig", "H", Source::Mutual),
+    ("shunt_r", "Ω", Source::Shunt),
+    ("shunt_l", "H", Source::Shunt),
+    ("fake_cell_r", "Ω", Source::FakeCell),
+    ("fake_cell_l", "H", Source::FakeCell),
+    ("short_r", "Ω", Source::Short),
+    ("short_l", "H", Source::Short),
+    ("stray_g", "S", Source::Open),
+    ("stray_c", "F", Source::Open),
 ];
 
 const SLOPES: usize = 4 + COUNT;
@@ -66,10 +73,9 @@ impl Slope {
         array::from_fn(|k| self.slopes[4 + k])
     }
 
-    /// Covariance from circular noise of the phasors.
-    pub(super) fn noise(&self, variance: &[f64; 4]) -> Covariance2 {
-        let parts = self.by_volts().into_iter().zip(variance);
-        parts.fold(Covariance2::ZERO, |sum, (slope, variance)| sum + Covariance2::circular(*variance).scaled(slope))
+    /// Covariance from that of the phasors.
+    pub(super) fn noise(&self, covariances: &[Covariance2; 4]) -> Covariance2 {
+        self.by_volts().into_iter().zip(covariances).map(|(slope, covariance)| covariance.scaled(slope)).sum()
     }
 
     /// Covariance from that of the parameters.
@@ -147,26 +153,45 @@ impl<'a> Harness<'a> {
     /// Impedance of what is in the jig, Ω.
     pub(super) fn impedance(&self) -> Slope {
         let [.., v3, v4] = self.tips;
-        (v4 - v3) / self.current() - self.inductance(MUTUAL_JIG)
+        let (i, u) = (self.current(), v4 - v3);
+        let u = u - self.reactance(MUTUAL_JIG) * i;
+        u / (i - self.stray() * u)
     }
 
     /// What ought to be zero with the voltage probes on the shunt, V.
     pub(super) fn shunt_residuals(&self) -> [Slope; 2] {
         let [v1, v2, v3, v4] = self.tips;
-        [v3 - v1, v4 - v2 - self.inductance(MUTUAL_SHUNT) * self.current()]
+        [v3 - v1, v4 - v2 - self.reactance(MUTUAL_SHUNT) * self.current()]
     }
 
     /// What ought to be zero with the fake cell in the jig, V.
     pub(super) fn fake_cell_residual(&self) -> Slope {
+        self.load_residual(FAKE_R, FAKE_L)
+    }
+
+    /// What ought to be zero with the short in the jig, V.
+    pub(super) fn short_residual(&self) -> Slope {
+        self.load_residual(SHORT_R, SHORT_L)
+    }
+
+    fn load_residual(&self, r: usize, l: usize) -> Slope {
         let [.., v3, v4] = self.tips;
-        v4 - v3 - (self.inductance(MUTUAL_JIG) + self.impedance_of(FAKE_R, FAKE_L)) * self.current()
+        let i = self.current();
+        let u = v4 - v3 - self.reactance(MUTUAL_JIG) * i;
+        u - self.impedance_of(r, l) * (i - self.stray() * u)
+    }
+
+    /// Admittance beside what is in the jig, S.
+    fn stray(&self) -> Slope {
+        Slope::variable(self.values[STRAY_G].into(), 4 + STRAY_G, 1.0.into()) + self.reactance(STRAY_C)
     }
 
     fn impedance_of(&self, r: usize, l: usize) -> Slope {
-        Slope::variable(self.values[r].into(), 4 + r, 1.0.into()) + self.inductance(l)
+        Slope::variable(self.values[r].into(), 4 + r, 1.0.into()) + self.reactance(l)
     }
 
-    fn inductance(&self, index: usize) -> Slope {
+    /// jω times a parameter.
+    fn reactance(&self, index: usize) -> Slope {
         Slope::variable(self.j_omega * self.values[index], 4 + index, self.j_omega)
     }
 }

@@ -5,9 +5,9 @@
 
 use num_complex::Complex64;
 
-use super::model::{COUNT, Harness, Slope};
-use super::{CalibrationError, Controls, Correction, KnownImpedance};
-use crate::spectrum::ChannelPhasors;
+use super::model::{COUNT, Harness, NAMES, Slope};
+use super::{CalibrationError, Controls, Correction, KnownImpedance, Source, StrayAdmittance};
+use crate::spectrum::{ChannelPhasors, Covariance2};
 
 const MAX_STEPS: usize = 60;
 /// Step that changes nothing, in standard deviations of the result.
@@ -31,10 +31,17 @@ pub(super) fn check(controls: &Controls<'_>) -> Result<(), CalibrationError> {
     }
     check_points("shunt", controls.shunt)?;
     let mut count = controls.shunt.len();
-    if let Some((known, points)) = controls.fake_cell {
-        check_known("fake cell", known)?;
-        check_points("fake cell", points)?;
+    for (name, load) in [("fake cell", controls.fake_cell), ("short", controls.short)] {
+        let Some((known, points)) = load else { continue };
+        check_known(name, known)?;
+        check_points(name, points)?;
         count += points.len();
+    }
+    if let Some(stray) = controls.open {
+        let sound = |value: f64, sigma: f64| value.is_finite() && sigma >= 0.0 && sigma.is_finite();
+        if !(sound(stray.g_s, stray.g_sigma_s) && sound(stray.c_f, stray.c_sigma_f)) {
+            return Err(CalibrationError::Stray { stray });
+        }
     }
     if count == 0 { Err(CalibrationError::NoPoints) } else { Ok(()) }
 }
@@ -61,35 +68,51 @@ fn fault(point: &ChannelPhasors) -> Option<(&'static str, String)> {
     if let Some(volts) = point.volts.iter().find(|v| !(v.re.is_finite() && v.im.is_finite())) {
         return Some(("finite phasors", format!("{volts} V")));
     }
-    if let Some(variance) = point.variance.iter().find(|v| !(**v > 0.0 && v.is_finite())) {
-        return Some(("positive, finite variances", format!("{variance} V²")));
+    let totals = point.totals();
+    if let Some(Covariance2 { re_re, re_im, im_im }) = totals.iter().find(|v| !(v.is_valid() && v.re_re > 0.0 && v.im_im > 0.0)) {
+        return Some(("positive, finite variances", format!("{re_re}, {re_im}, {im_im} V²")));
     }
     let [v1, v2, ..] = point.volts;
-    let noise = (point.variance[0] + point.variance[1]).sqrt();
+    let noise = (0.5 * (totals[0].re_re + totals[0].im_im + totals[1].re_re + totals[1].im_im)).sqrt();
     if (v2 - v1).norm() < LEAST_CURRENT * noise {
         return Some(("a current through the shunt", format!("{:.3e} V across it, of noise {noise:.3e} V", (v2 - v1).norm())));
     }
     None
 }
 
-/// Means and standard deviations of the priors. An absent fake cell is one that is exactly nothing.
+/// Means and standard deviations of the priors. What was not measured with anything is exactly nothing.
 fn priors(controls: &Controls<'_>) -> ([f64; COUNT], [f64; COUNT]) {
+    const NOTHING: KnownImpedance = KnownImpedance { r_ohm: 0.0, r_sigma_ohm: 0.0, l_h: 0.0, l_sigma_h: 0.0 };
     let p = controls.priors;
     let s = controls.current_shunt;
-    let f = controls.fake_cell.map_or(KnownImpedance { r_ohm: 0.0, r_sigma_ohm: 0.0, l_h: 0.0, l_sigma_h: 0.0 }, |(known, _)| known);
-    let means = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, s.r_ohm, s.l_h, f.r_ohm, f.l_h];
+    let f = controls.fake_cell.map_or(NOTHING, |(known, _)| known);
+    let k = controls.short.map_or(NOTHING, |(known, _)| known);
+    let o = controls.open.unwrap_or(StrayAdmittance::NONE);
+    let means = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, s.r_ohm, s.l_h, f.r_ohm, f.l_h, k.r_ohm, k.l_h, o.g_s, o.c_f];
     let (gain, skew, mutual) = (p.gain_sigma, p.skew_sigma_s, p.mutual_sigma_h);
-    let sigmas = [gain, gain, gain, skew, skew, skew, mutual, mutual, s.r_sigma_ohm, s.l_sigma_h, f.r_sigma_ohm, f.l_sigma_h];
-    (means, sigmas)
+    let harness = [gain, gain, gain, skew, skew, skew, mutual, mutual];
+    let known = [s.r_sigma_ohm, s.l_sigma_h, f.r_sigma_ohm, f.l_sigma_h, k.r_sigma_ohm, k.l_sigma_h, o.g_sigma_s, o.c_sigma_f];
+    (means, std::array::from_fn(|index| if index < 8 { harness[index] } else { known[index - 8] }))
 }
 
 pub(super) fn unmeasured(controls: &Controls<'_>) -> Correction {
-    let (values, sigmas) = priors(controls);
+    let (values, prior_sigmas) = priors(controls);
     let mut covariance = [[0.0; COUNT]; COUNT];
-    for (index, sigma) in sigmas.iter().enumerate() {
+    for (index, sigma) in prior_sigmas.iter().enumerate() {
         covariance[index][index] = sigma * sigma;
     }
-    Correction { values, covariance, has_fake_cell: false, reduced_chi2: None, dof: 0, noise_factor: 1.0, span_hz: None }
+    let told = told(controls);
+    Correction { values, covariance, prior_sigmas, told, reduced_chi2: None, dof: 0, noise_factor: 1.0, span_hz: None }
+}
+
+/// The parameters that there are: those of things that were never measured with are not.
+fn told(controls: &Controls<'_>) -> [bool; COUNT] {
+    std::array::from_fn(|index| match NAMES[index].2 {
+        Source::FakeCell => controls.fake_cell.is_some(),
+        Source::Short => controls.short.is_some(),
+        Source::Open => controls.open.is_some(),
+        _ => true,
+    })
 }
 
 pub(super) fn fit(controls: &Controls<'_>) -> Result<Correction, CalibrationError> {
@@ -106,7 +129,8 @@ pub(super) fn fit(controls: &Controls<'_>) -> Result<Correction, CalibrationErro
     Ok(Correction {
         values: problem.values(&solution.x),
         covariance: problem.covariance(&solution.triangle),
-        has_fake_cell: controls.fake_cell.is_some(),
+        prior_sigmas: problem.sigmas,
+        told: told(controls),
         reduced_chi2: Some(reduced_chi2),
         dof,
         noise_factor,
@@ -138,8 +162,8 @@ impl<'a> Problem<'a> {
     }
 
     fn span_hz(&self) -> Option<(f64, f64)> {
-        let fake = self.controls.fake_cell.map_or(&[][..], |(_, points)| points);
-        let all = self.controls.shunt.iter().chain(fake).map(|point| point.freq_hz);
+        let loads = [self.controls.fake_cell, self.controls.short].into_iter().flatten().flat_map(|(_, points)| points);
+        let all = self.controls.shunt.iter().chain(loads).map(|point| point.freq_hz);
         all.fold(None, |span, freq_hz| {
             let (low, high) = span.unwrap_or((freq_hz, freq_hz));
             Some((freq_hz.min(low), freq_hz.max(high)))
@@ -173,13 +197,17 @@ impl<'a> Problem<'a> {
         let mut sum = Solution { x: *x, triangle: Triangle::prior(x), sum_squares: x.iter().map(|x| x * x).sum(), rows: 0 };
         for point in self.controls.shunt {
             let residuals = Harness::new(&values, point).shunt_residuals();
-            self.add(&mut sum, &whiten(&residuals, &point.variance), noise_factor);
+            self.add(&mut sum, &whiten(&residuals, &point.totals()), noise_factor);
         }
-        if let Some((_, points)) = self.controls.fake_cell {
-            for point in points {
-                let residual = Harness::new(&values, point).fake_cell_residual();
-                self.add(&mut sum, &whiten_one(&residual, &point.variance), noise_factor);
-            }
+        let fake_cell = self.controls.fake_cell.iter().flat_map(|(_, points)| *points);
+        let short = self.controls.short.iter().flat_map(|(_, points)| *points);
+        for point in fake_cell {
+            let residual = Harness::new(&values, point).fake_cell_residual();
+            self.add(&mut sum, &whiten(&[residual], &point.totals()), noise_factor);
+        }
+        for point in short {
+            let residual = Harness::new(&values, point).short_residual();
+            self.add(&mut sum, &whiten(&[residual], &point.totals()), noise_factor);
         }
         sum
     }
@@ -187,11 +215,9 @@ impl<'a> Problem<'a> {
     fn add(&self, sum: &mut Solution, rows: &[Row], noise_factor: f64) {
         for row in rows {
             let value = row.value / noise_factor;
-            let slopes: [Complex64; COUNT] = std::array::from_fn(|k| row.slopes[k] * (self.sigmas[k] / noise_factor));
-            sum.triangle.add(slopes.map(|s| s.re), -value.re);
-            sum.triangle.add(slopes.map(|s| s.im), -value.im);
-            sum.sum_squares += value.norm_sqr();
-            sum.rows += 2;
+            sum.triangle.add(std::array::from_fn(|k| row.slopes[k] * (self.sigmas[k] / noise_factor)), -value);
+            sum.sum_squares += value * value;
+            sum.rows += 1;
         }
     }
 
@@ -205,33 +231,60 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// A complex residual in units of its noise, with derivatives towards the parameters.
+/// A real residual in units of its noise, with derivatives towards the parameters.
+#[derive(Debug, Clone, Copy)]
 struct Row {
-    value: Complex64,
-    slopes: [Complex64; COUNT],
+    value: f64,
+    slopes: [f64; COUNT],
 }
 
-fn whiten_one(residual: &Slope, variance: &[f64; 4]) -> [Row; 1] {
-    let sigma = covariance(residual, residual, variance).re.sqrt();
-    [Row { value: residual.value / sigma, slopes: residual.by_parameters().map(|s| s / sigma) }]
+/// Residuals of one point share noise: their parts are freed of what the ones before tell of them, which is forward substitution in the Cholesky
+/// triangle of their common covariance.
+fn whiten(residuals: &[Slope], covariances: &[Covariance2; 4]) -> Vec<Row> {
+    let parts: Vec<Row> = residuals.iter().flat_map(parts).collect();
+    let mut lower = vec![vec![0.0; parts.len()]; parts.len()];
+    let mut rows: Vec<Row> = Vec::with_capacity(parts.len());
+    for (i, part) in parts.iter().enumerate() {
+        let mut row = *part;
+        for j in 0..=i {
+            let shared: f64 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
+            let left = shared_noise((&residuals[i / 2], i % 2), (&residuals[j / 2], j % 2), covariances) - shared;
+            if i == j {
+                let sigma = left.max(f64::MIN_POSITIVE).sqrt();
+                lower[i][i] = sigma;
+                row = Row { value: row.value / sigma, slopes: row.slopes.map(|slope| slope / sigma) };
+            } else {
+                let weight = left / lower[j][j];
+                lower[i][j] = weight;
+                let before = rows[j];
+                row.value -= weight * before.value;
+                row.slopes = std::array::from_fn(|k| row.slopes[k] - weight * before.slopes[k]);
+            }
+        }
+        rows.push(row);
+    }
+    rows
 }
 
-/// Two residuals share noise: the second is freed of what the first tells of it.
-fn whiten([first, second]: &[Slope; 2], variance: &[f64; 4]) -> [Row; 2] {
-    let sigma = covariance(first, first, variance).re.sqrt();
-    let shared = covariance(second, first, variance) / sigma;
-    let rest = (covariance(second, second, variance).re - shared.norm_sqr()).max(0.0).sqrt();
-    let [row] = whiten_one(first, variance);
-    let own = second.by_parameters();
-    let slopes = std::array::from_fn(|k| (own[k] - shared * row.slopes[k]) / rest);
-    let other = Row { value: (second.value - shared * row.value) / rest, slopes };
-    [row, other]
+/// Real and imaginary part of a residual.
+fn parts(residual: &Slope) -> [Row; 2] {
+    let slopes = residual.by_parameters();
+    [
+        Row { value: residual.value.re, slopes: slopes.map(|slope| slope.re) },
+        Row { value: residual.value.im, slopes: slopes.map(|slope| slope.im) },
+    ]
 }
 
-/// Covariance of two residuals, per part, from circular noise of the phasors.
-fn covariance(a: &Slope, b: &Slope, variance: &[f64; 4]) -> Complex64 {
-    let parts = a.by_volts().into_iter().zip(b.by_volts()).zip(variance);
-    parts.map(|((a, b), variance)| a * b.conj() * *variance).sum()
+/// Covariance of a part of one residual with a part of another (0 real, 1 imaginary), from that of the phasors.
+fn shared_noise((a, part_a): (&Slope, usize), (b, part_b): (&Slope, usize), covariances: &[Covariance2; 4]) -> f64 {
+    // How a part of slope·phasor depends on the phasor's real and imaginary part.
+    let turn = |slope: Complex64, part: usize| if part == 0 { [slope.re, -slope.im] } else { [slope.im, slope.re] };
+    let slopes = a.by_volts().into_iter().zip(b.by_volts()).zip(covariances);
+    let channel = |((a, b), c): ((Complex64, Complex64), &Covariance2)| {
+        let ([a0, a1], [b0, b1]) = (turn(a, part_a), turn(b, part_b));
+        a0 * c.re_re * b0 + (a0 * b1 + a1 * b0) * c.re_im + a1 * c.im_im * b1
+    };
+    slopes.map(channel).sum()
 }
 
 /// Upper triangle R and right-hand side z of the least-squares problem |R·step − z|².

@@ -60,6 +60,28 @@ pub fn check_control(points: &[ImpedancePoint], known: &KnownImpedance, toleranc
     }
 }
 
+/// Compares a measured short with what is known of it. Its impedance is next to nothing, so that the error counts in ohms, `tolerance_ohm`; the verdict's
+/// magnitude is that error over the short's own resistance, and no phase is judged.
+pub fn check_short(points: &[ImpedancePoint], known: &KnownImpedance, tolerance_ohm: f64) -> ControlVerdict {
+    let errors = points.iter().map(|point| ((point.z_ohm - known.at(point.freq_hz)).norm(), point.freq_hz));
+    // A point that is no number is the worst.
+    let worst = errors.max_by(|a, b| a.0.is_nan().cmp(&b.0.is_nan()).then(a.0.total_cmp(&b.0)));
+    let Some((error_ohm, freq_hz)) = worst else {
+        return failed("the control was not measured: expected at least one point, met none".to_owned(), f64::NAN);
+    };
+    let passed = error_ohm <= tolerance_ohm;
+    let (verdict, word) = if passed { ("measures right", "within") } else { ("measures WRONG", "OUTSIDE") };
+    let text = format!(
+        "short of {} µΩ {verdict}: off by {} µΩ at {} Hz, {word} the tolerance of {} µΩ",
+        short(known.r_ohm * 1e6),
+        short(error_ohm * 1e6),
+        short(freq_hz),
+        short(tolerance_ohm * 1e6)
+    );
+    let worst_magnitude_rel = error_ohm / known.r_ohm;
+    ControlVerdict { worst_magnitude_rel, worst_magnitude_freq_hz: freq_hz, passed, text, ..failed(String::new(), freq_hz) }
+}
+
 fn failed(text: String, freq_hz: f64) -> ControlVerdict {
     ControlVerdict {
         worst_magnitude_rel: f64::NAN,

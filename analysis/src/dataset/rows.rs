@@ -59,6 +59,14 @@ pub(super) fn write_parquet<R: Row>(path: &Path, rows: &[R]) -> Result<(), Datas
     write_frame(path, &mut frame, R::COLUMNS, Vec::new())
 }
 
+pub(super) fn write_columns(path: &Path, columns: &[(ColumnSpec, &[f64])]) -> Result<(), DatasetError> {
+    let specs: Vec<ColumnSpec> = columns.iter().map(|(spec, _)| *spec).collect();
+    let height = columns.first().map_or(0, |(_, values)| values.len());
+    let columns = columns.iter().map(|(spec, values)| Column::new(spec.name.into(), values)).collect();
+    let mut frame = DataFrame::new(height, columns).map_err(|source| parquet_error(path, "arrange the columns", source))?;
+    write_frame(path, &mut frame, &specs, Vec::new())
+}
+
 pub(super) fn read_parquet<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
     let (frame, _) = read_frame(path)?;
     let columns: Vec<Vec<f64>> = R::COLUMNS.iter().map(|spec| numbers(path, &frame, spec)).collect::<Result<_, _>>()?;

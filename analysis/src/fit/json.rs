@@ -119,6 +119,29 @@ pub struct ModelFile {
     /// Open-circuit voltage over state of charge, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ocv: Option<OcvCurve>,
+    /// The pulses that the model was fitted to besides the spectra; none for spectra alone. `fit` then holds the joint fit: its objective is χ² of both,
+    /// its points are frequencies of the mean spectrum and bins of the pulses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joint: Option<JointProvenance>,
+}
+
+/// What a joint fit saw besides spectra, and how it fared.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct JointProvenance {
+    /// Name of the series with the pulses.
+    pub series: String,
+    /// Pulses fitted, by their number in the series, from 1.
+    pub pulses: Vec<usize>,
+    /// Pulses held out.
+    pub held_out: Vec<usize>,
+    /// Name of what the OCV curve comes from.
+    pub ocv_from: String,
+    /// Resistance of the pulses' cell and instrument over the spectra's; the model is that of the spectra's cells.
+    pub gain: f64,
+    /// Its standard uncertainty.
+    pub gain_sigma: Option<f64>,
+    /// Root mean square gap on the held-out pulses, V.
+    pub held_out_rms_v: Option<f64>,
 }
 
 impl ModelFile {
@@ -135,6 +158,7 @@ impl ModelFile {
             pack,
             fit,
             ocv: None,
+            joint: None,
         }
     }
 

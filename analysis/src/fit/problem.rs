@@ -32,10 +32,10 @@ pub(crate) struct Group {
     /// Weighted mean.
     pub(crate) mean: Complex64,
     /// Weighted sum of squares about the mean: the part no model can remove.
-    scatter: f64,
+    pub(crate) scatter: f64,
     /// Mean of |Z|, and the sum of squares about it.
     pub(crate) mean_abs: f64,
-    scatter_abs: f64,
+    pub(crate) scatter_abs: f64,
 }
 
 /// What is minimised: data, objective, smoothing.
@@ -160,7 +160,8 @@ impl Problem {
 /// Variables are the logarithms of the parameters: ln R, ln R₁, ln C₁, …
 impl Smooth for Problem {
     fn value(&self, x: &[f64]) -> f64 {
-        self.groups.iter().map(|g| self.group_value(g, impedance(x, g.freq_hz))).sum()
+        let (r_ohm, branches) = components(x);
+        self.groups.iter().map(|g| self.group_value(g, impedance_of(r_ohm, &branches, g.freq_hz))).sum()
     }
 
     fn expand(&self, x: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {
@@ -169,11 +170,14 @@ impl Smooth for Problem {
         hessian.fill(0.0);
         let mut value = 0.0;
         let mut slopes = vec![Complex64::ZERO; n];
+        let mut curvatures = vec![[Complex64::ZERO; 3]; n / 2];
+        let (r_ohm, branches) = components(x);
         for g in &self.groups {
-            let mut z = Complex64::new(x[0].exp(), 0.0);
+            let mut z = Complex64::new(r_ohm, 0.0);
             slopes[0] = z;
-            for k in 0..n / 2 {
-                let (r, u) = branch(x, k, g.freq_hz);
+            for (k, (r, tau)) in branches.iter().enumerate() {
+                let u = relaxation(*tau, g.freq_hz);
+                curvatures[k] = branch_curvature(*r, u);
                 z += r * u;
                 slopes[2 * k + 1] = r * u * u;
                 slopes[2 * k + 2] = r * (u * u - u);
@@ -188,10 +192,9 @@ impl Smooth for Problem {
                     hessian[i * n + j] += hx * slopes[j].re + hy * slopes[j].im;
                 }
             }
-            hessian[0] += gx * x[0].exp();
-            for k in 0..n / 2 {
+            hessian[0] += gx * r_ohm;
+            for (k, [rr, rc, cc]) in curvatures.iter().enumerate() {
                 let (i, j) = (2 * k + 1, 2 * k + 2);
-                let [rr, rc, cc] = branch_curvature(x, k, g.freq_hz);
                 hessian[i * n + i] += gx * rr.re + gy * rr.im;
                 hessian[j * n + i] += gx * rc.re + gy * rc.im;
                 hessian[j * n + j] += gx * cc.re + gy * cc.im;
@@ -208,21 +211,28 @@ impl Smooth for Problem {
 
 /// Impedance of logarithmic parameters, Ω.
 pub(crate) fn impedance(x: &[f64], freq_hz: f64) -> Complex64 {
-    (0..x.len() / 2).fold(Complex64::new(x[0].exp(), 0.0), |z, k| {
-        let (r, u) = branch(x, k, freq_hz);
-        z + r * u
-    })
+    let (r_ohm, branches) = components(x);
+    impedance_of(r_ohm, &branches, freq_hz)
 }
 
-/// R and u = 1/(1 + jωRC) of branch k.
-fn branch(x: &[f64], k: usize, freq_hz: f64) -> (f64, Complex64) {
-    let (r, tau) = (x[2 * k + 1].exp(), (x[2 * k + 1] + x[2 * k + 2]).exp());
-    (r, Complex64::new(1.0, TAU * freq_hz * tau).inv())
+fn impedance_of(r_ohm: f64, branches: &[(f64, f64)], freq_hz: f64) -> Complex64 {
+    branches.iter().fold(Complex64::new(r_ohm, 0.0), |z, (r, tau)| z + r * relaxation(*tau, freq_hz))
+}
+
+/// R, and (R, RC) of the branches: the exponentials are taken once and not at every frequency.
+fn components(x: &[f64]) -> (f64, Vec<(f64, f64)>) {
+    (x[0].exp(), x[1..].chunks_exact(2).map(|p| (p[0].exp(), (p[0] + p[1]).exp())).collect())
+}
+
+/// 1/(1 + jωτ).
+fn relaxation(tau: f64, freq_hz: f64) -> Complex64 {
+    let x = TAU * freq_hz * tau;
+    let d = 1.0 / (1.0 + x * x);
+    Complex64::new(d, -x * d)
 }
 
 /// Second derivatives of a branch's impedance: (ln R, ln R), (ln R, ln C), (ln C, ln C).
-fn branch_curvature(x: &[f64], k: usize, freq_hz: f64) -> [Complex64; 3] {
-    let (r, u) = branch(x, k, freq_hz);
+fn branch_curvature(r: f64, u: Complex64) -> [Complex64; 3] {
     let (u2, u3) = (u * u, u * u * u);
     [r * (2.0 * u3 - u2), r * (2.0 * u3 - 2.0 * u2), r * (2.0 * u3 - 3.0 * u2 + u)]
 }

@@ -1,5 +1,6 @@
 //! Variable projection (Golub and Pereyra, 1973): with the time constants held, the impedance is linear in the resistances, so the global
-//! search runs over the logarithms of the time constants alone and the best resistances come from a small bounded quadratic.
+//! search ([`super::batch`], which does the same for many at once) runs over the logarithms of the time constants alone and the best resistances
+//! come from a small bounded quadratic.
 //!
 //! The sum of norms and the moduli are not quadratic: a few reweighted quadratics come close enough to rank basins. The digits are made later.
 
@@ -10,7 +11,7 @@ use num_complex::Complex64;
 use std::f64::consts::TAU;
 
 /// Reweighted quadratics per evaluation.
-const REWEIGHTS: usize = 4;
+pub(super) const REWEIGHTS: usize = 4;
 
 /// The linear half of the problem for given time constants; holds the working memory between calls.
 #[derive(Debug)]
@@ -27,11 +28,6 @@ impl<'a> Projection<'a> {
     pub(crate) fn new(problem: &'a Problem, bounds: &'a Bounds) -> Self {
         let groups = problem.groups.len();
         Self { problem, bounds, basis: vec![[Complex64::ONE; MAX_UNKNOWNS]; groups], model: vec![Complex64::ZERO; groups] }
-    }
-
-    /// Objective with the best resistances found for the time constants (natural logarithms, s).
-    pub(crate) fn value(&mut self, log_tau: &[f64]) -> f64 {
-        self.solve(log_tau).0
     }
 
     /// Logarithmic parameters ln R, ln R₁, ln C₁, … of the best resistances found.

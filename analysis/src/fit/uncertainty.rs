@@ -5,11 +5,11 @@
 //! when there are more of them than parameters, because the points of one sweep share its cell and its contacts, else over points. A parameter
 //! held by a bound has no sigma.
 
-use super::erm::log_bounds;
 use super::linalg::invert;
 use super::local::Smooth;
 use super::options::{FitOptions, Objective};
 use super::problem::{Group, Problem, impedance};
+use super::search::log_bounds;
 use crate::model::Erm;
 use serde::{Deserialize, Serialize};
 
@@ -59,13 +59,14 @@ impl Uncertainty {
             let (row, column) = (free.iter().position(|f| *f == i)?, free.iter().position(|f| *f == j)?);
             covariance.as_ref().map(|c| c[row * free.len() + column])
         };
-        let sigma = sigma(erm, &entry);
+        let sigma = sigma_of(erm, &entry);
         let log_covariance = (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect();
         Self { sigma, log_covariance, freedom }
     }
 }
 
-fn sigma(erm: &Erm, entry: &impl Fn(usize, usize) -> Option<f64>) -> ErmSigma {
+/// Standard uncertainties from entries of the covariance of the logarithmic parameters.
+pub(crate) fn sigma_of(erm: &Erm, entry: &impl Fn(usize, usize) -> Option<f64>) -> ErmSigma {
     let root = |variance: f64| Some(variance.max(0.0).sqrt()).filter(|s| s.is_finite());
     let relative = |i: usize| entry(i, i).and_then(root);
     let branch = |(k, b): (usize, &crate::model::RcBranch)| {

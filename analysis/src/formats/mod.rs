@@ -14,13 +14,15 @@
 //! Names: a file that holds one spectrum gives it the file's name without extension. The tidy table's are `cell0_3` (cell 0, repeat 3),
 //! `shunt_0`, `fake_cell_0` (fixture, repeat), with the bias at the end where it is not zero: `cell0_0_-2A`, `cell0_0_+5A`.
 //!
-//! Vendors' files (Gamry, BioLogic, ZPlot, …) are not read yet.
+//! Vendors' files (Gamry, BioLogic, ZPlot, …) are not read yet. Current and voltage over time: [`read_series`].
 
 mod error;
 mod layout;
 mod text;
+mod timeseries;
 
 pub use error::FormatError;
+pub use timeseries::{CurrentSign, SeriesOptions, SeriesReadError, read_series};
 
 use crate::spectrum::Spectrum;
 use std::path::Path;

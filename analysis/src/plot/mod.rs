@@ -71,9 +71,14 @@ impl Series {
     }
 
     /// A model as a curve over a band (lowest, highest frequency in Hz, both above zero).
-    pub fn model(label: &str, erm: &Erm, (low_hz, high_hz): (f64, f64), colour: usize) -> Self {
+    pub fn model(label: &str, erm: &Erm, band: (f64, f64), colour: usize) -> Self {
+        Self::curve(label, band, colour, |freq_hz| erm.impedance(freq_hz))
+    }
+
+    /// Any impedance in Ω as a curve over a band (lowest, highest frequency in Hz, both above zero).
+    pub fn curve(label: &str, (low_hz, high_hz): (f64, f64), colour: usize, impedance: impl Fn(f64) -> Complex64) -> Self {
         let at = |k: u32| low_hz * (high_hz / low_hz).powf(f64::from(k) / f64::from(CURVE_POINTS));
-        let point = |freq_hz| SeriesPoint { freq_hz, z_ohm: erm.impedance(freq_hz), covariance: Covariance2::UNKNOWN };
+        let point = |freq_hz| SeriesPoint { freq_hz, z_ohm: impedance(freq_hz), covariance: Covariance2::UNKNOWN };
         Self {
             label: Some(label.to_owned()),
             colour,

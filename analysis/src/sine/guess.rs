@@ -3,7 +3,7 @@
 use num_complex::Complex64;
 use rustfft::FftPlanner;
 
-use super::moments::{code_bounds, is_inside, volt_bounds};
+use super::sample::{code_bounds, is_inside};
 use super::{Channel, FitOptions, MIN_PERIODS, Record, SineError, solve};
 
 /// Frequencies tried around the peak, in units of 1/(length of the record): with few periods, the image at negative frequency moves the peak by
@@ -90,13 +90,13 @@ fn normalised(mut values: Vec<f64>) -> Vec<f64> {
 /// Samples in their own unit; a clipped one is kept, for it is near the truth and this is only a guess.
 fn values(channel: &Channel<'_>, number: usize) -> Result<Vec<f64>, SineError> {
     match channel {
-        Channel::Volts { samples, .. } => match samples.iter().enumerate().find(|(_, v)| !v.is_finite()) {
+        Channel::Volts { samples, range_v, .. } => match samples.iter().enumerate().find(|(_, v)| !v.is_finite()) {
             Some((index, value)) => Err(SineError::NotFinite { channel: number, index, value: *value }),
-            None if samples.iter().any(|v| is_inside(*v, volt_bounds(channel))) => Ok(samples.to_vec()),
+            None if samples.iter().any(|v| is_inside(*v, *range_v)) => Ok(samples.to_vec()),
             None => Err(SineError::AllClipped { channel: number, clipped: samples.len() }),
         },
-        Channel::Codes { codes, .. } => {
-            if !codes.iter().any(|code| is_inside(*code, code_bounds(channel))) {
+        Channel::Codes { codes, scale } => {
+            if !codes.iter().any(|code| is_inside(*code, code_bounds(scale))) {
                 return Err(SineError::AllClipped { channel: number, clipped: codes.len() });
             }
             Ok(codes.iter().map(|code| f64::from(*code)).collect())

@@ -1,10 +1,18 @@
-//! A second pass: what the fit leaves. The sum of squares is formed from the differences themselves, for taking it from the sums of the first pass
-//! would lose all digits where the offset or the signal is large against the noise.
+//! What the fit leaves: its sum of squares and the correlation of neighbours.
+//!
+//! Of whole codes, all of which count, both follow from the sums of the first pass, which are exact but for the fitted part. Otherwise, and where so
+//! little is left of the signal that the difference of the sums would be rounding, a second pass forms the residuals themselves.
 
-use num_complex::Complex64;
+use rayon::prelude::*;
 
-use super::moments::{BLOCK, Bounds, Grid, LANES, Sample, Table, all_inside, code_bounds, is_inside, volt_bounds};
-use super::{Channel, FitOptions};
+use super::Channel;
+use super::basis::dot;
+use super::moments::{CHUNK, Moments, Stage};
+use super::sample::{Bounds, Sample, code_bounds, is_inside, pivot};
+use super::table::BLOCK;
+
+/// Share of the sum of squares that must be left for the sums of the first pass to tell it: they are good to about 10⁻¹⁵ of it.
+const LEFT_BY_SUMS: f64 = 1e-9;
 
 /// Sums over the residuals of one channel, in the unit of its samples.
 #[derive(Debug, Clone, Copy, Default)]
@@ -13,7 +21,6 @@ pub(super) struct Residual {
     /// Σ rₙ·rₙ₊₁ over neighbours that both count.
     sum_lagged: f64,
     pairs: usize,
-    pub(super) clipped: usize,
 }
 
 impl Residual {
@@ -39,83 +46,109 @@ impl Residual {
 /// Standard deviations at which a correlation counts as one.
 const SIGNIFICANT: f64 = 4.0;
 
-/// The fitted model of one channel, in the unit of its samples, less the pivot.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Wave {
-    pub(super) phasor: Complex64,
-    pub(super) offset: f64,
-    pub(super) drift: f64,
-    pub(super) pivot: f64,
-}
-
 /// Residuals of a channel.
-pub(super) fn residual(channel: &Channel<'_>, wave: &Wave, frame: (&Grid, &Table), options: &FitOptions) -> Residual {
+pub(super) fn residual(channel: &Channel<'_>, stage: &Stage, fit: (&Moments, &[f64]), exclude_clipped: bool) -> Residual {
+    let level = pivot(channel);
     match channel {
-        Channel::Volts { samples, .. } => of_samples(samples, volt_bounds(channel), wave, frame, options),
-        Channel::Codes { codes, .. } => of_samples(codes, code_bounds(channel), wave, frame, options),
+        Channel::Volts { samples, range_v, .. } => {
+            of_samples(stage, fit.1, &Source { samples, level, bounds: if exclude_clipped { *range_v } else { None } })
+        }
+        Channel::Codes { codes, scale } => by_sums(channel, stage, fit).unwrap_or_else(|| {
+            of_samples(stage, fit.1, &Source { samples: codes, level, bounds: if exclude_clipped { code_bounds(scale) } else { None } })
+        }),
     }
 }
 
-fn of_samples<S: Sample>(samples: &[S], bounds: Bounds<S>, wave: &Wave, (grid, table): (&Grid, &Table), options: &FitOptions) -> Residual {
-    let mut sums = Residual::default();
-    let mut last = None;
-    let mut differences = [0.0; BLOCK];
-    for (number, block) in samples.chunks(BLOCK).enumerate() {
-        let start = number * BLOCK;
-        let level = wave.pivot + wave.offset + wave.drift * grid.time(start);
-        subtract(&mut differences, block, table, &Wave { phasor: wave.phasor * grid.phase(start), offset: level, ..*wave });
-        let inside = all_inside(block, bounds);
-        if !inside {
-            sums.clipped += block.iter().filter(|sample| !is_inside(**sample, bounds)).count();
+/// Residuals from the sums, if these can tell.
+fn by_sums(channel: &Channel<'_>, stage: &Stage, (moments, beta): (&Moments, &[f64])) -> Option<Residual> {
+    let Channel::Codes { codes, .. } = channel else { return None };
+    let sum_squares = moments.squares - dot(beta, &moments.right);
+    if moments.used < codes.len() || sum_squares <= LEFT_BY_SUMS * moments.squares {
+        return None;
+    }
+    let x = |code: &i16| f64::from(*code) - pivot(channel);
+    let (first, last) = (codes.first().map(x)?, codes.last().map(x)?);
+    let model = |index: f64| dot(beta, &stage.basis.row_at(index));
+    // The model one sample later is the model on shifted columns; the ends, which have one neighbour only, are set right.
+    let shifted = |samples: f64, sums: &[f64]| {
+        let mut sums = sums.to_vec();
+        stage.basis.shift(samples).apply(&mut sums);
+        dot(beta, &sums)
+    };
+    let end = codes.len() as f64;
+    let samples_model = shifted(1.0, &moments.right) - last * model(end) + shifted(-1.0, &moments.right) - first * model(-1.0);
+    let model_model = shifted(1.0, &moments.gram.times(beta)) - model(end - 1.0) * model(end);
+    Some(Residual { sum_squares, sum_lagged: moments.lagged - samples_model + model_model, pairs: codes.len() - 1 })
+}
+
+/// Samples with what is taken from them and the bounds of those that count.
+struct Source<'a, S> {
+    samples: &'a [S],
+    level: f64,
+    bounds: Bounds<S>,
+}
+
+/// Residuals of a chunk, with the first and the last if they count.
+#[derive(Debug, Clone, Copy, Default)]
+struct Piece {
+    sums: Residual,
+    first: Option<f64>,
+    last: Option<f64>,
+}
+
+fn of_samples<S: Sample>(stage: &Stage, beta: &[f64], source: &Source<'_, S>) -> Residual {
+    let chunks: Vec<&[S]> = source.samples.chunks(CHUNK).collect();
+    let one = |(number, chunk): (usize, &&[S])| of_chunk(stage, beta, source, (number * CHUNK, chunk));
+    let pieces: Vec<Piece> =
+        if chunks.len() > 1 { chunks.par_iter().enumerate().map(one).collect() } else { chunks.iter().enumerate().map(one).collect() };
+    let (mut sums, mut before) = (Residual::default(), None);
+    for piece in pieces {
+        sums.sum_squares += piece.sums.sum_squares;
+        sums.sum_lagged += piece.sums.sum_lagged;
+        sums.pairs += piece.sums.pairs;
+        if let (Some(a), Some(b)) = (before, piece.first) {
+            sums.sum_lagged += a * b;
+            sums.pairs += 1;
         }
-        match <&[f64; BLOCK]>::try_from(&differences[..block.len()]) {
-            Ok(differences) if inside => add_whole(&mut sums, differences, &mut last),
-            _ => {
-                let counts = |sample: &S| !options.exclude_clipped || is_inside(*sample, bounds);
-                add_some(&mut sums, differences.iter().zip(block).map(|(r, sample)| counts(sample).then_some(*r)), &mut last);
-            }
-        }
+        before = piece.last;
     }
     sums
 }
 
-/// Samples less the wave, whose phasor and offset are those at the start of the block.
-fn subtract<S: Sample>(differences: &mut [f64; BLOCK], block: &[S], table: &Table, wave: &Wave) {
-    let basis = table.cos.iter().zip(&table.sin).zip(&table.time);
-    for ((difference, sample), ((cos, sin), time)) in differences.iter_mut().zip(block).zip(basis) {
-        *difference = sample.value() - (wave.phasor.re * cos - wave.phasor.im * sin + wave.offset + wave.drift * time);
-    }
-}
-
-fn add_whole(sums: &mut Residual, differences: &[f64; BLOCK], last: &mut Option<f64>) {
-    if let Some(before) = *last {
-        sums.sum_lagged += before * differences[0];
-        sums.pairs += 1;
-    }
-    let (mut squares, mut lagged) = ([0.0; LANES], [0.0; LANES]);
-    for i in (0..BLOCK - LANES).step_by(LANES) {
-        for lane in 0..LANES {
-            let r = differences[i + lane];
-            squares[lane] += r * r;
-            lagged[lane] += r * differences[i + lane + 1];
+fn of_chunk<S: Sample>(stage: &Stage, beta: &[f64], source: &Source<'_, S>, (start, chunk): (usize, &[S])) -> Piece {
+    let mut piece = Piece::default();
+    let mut left = [0.0; BLOCK];
+    let mut last = None;
+    for (number, block) in chunk.chunks(BLOCK).enumerate() {
+        let at = number * BLOCK;
+        for (cell, sample) in left.iter_mut().zip(block) {
+            *cell = (*sample).into() - source.level;
         }
-    }
-    let end = &differences[BLOCK - LANES..];
-    sums.sum_squares += squares.iter().sum::<f64>() + end.iter().map(|r| r * r).sum::<f64>();
-    sums.sum_lagged += lagged.iter().sum::<f64>() + end.iter().zip(&end[1..]).map(|(a, b)| a * b).sum::<f64>();
-    sums.pairs += BLOCK - 1;
-    *last = differences.last().copied();
-}
-
-fn add_some(sums: &mut Residual, differences: impl Iterator<Item = Option<f64>>, last: &mut Option<f64>) {
-    for difference in differences {
-        if let Some(r) = difference {
-            sums.sum_squares += r * r;
-            if let Some(before) = *last {
-                sums.sum_lagged += before * r;
-                sums.pairs += 1;
+        subtract(&mut left[..block.len()], stage, beta, start + at);
+        for (k, sample) in block.iter().enumerate() {
+            let counted = is_inside(*sample, source.bounds).then_some(left[k]);
+            if let Some(r) = counted {
+                piece.sums.sum_squares += r * r;
+                if let Some(before) = last {
+                    piece.sums.sum_lagged += before * r;
+                    piece.sums.pairs += 1;
+                }
             }
+            if at + k == 0 {
+                piece.first = counted;
+            }
+            last = counted;
         }
-        *last = difference;
+    }
+    piece.last = last;
+    piece
+}
+
+/// Takes the model off the samples of a block.
+fn subtract(left: &mut [f64], stage: &Stage, beta: &[f64], start: usize) {
+    let mut beta = beta.to_vec();
+    stage.basis.place(start).pull_back(&mut beta);
+    for (coefficient, column) in beta.iter().zip(&stage.table.exact) {
+        left.iter_mut().zip(column.iter()).for_each(|(r, value)| *r -= coefficient * value);
     }
 }

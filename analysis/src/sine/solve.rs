@@ -2,10 +2,14 @@
 
 use num_complex::Complex64;
 
+use super::basis::{Basis, Make, dot};
 use super::linear::{self, Normal};
-use super::moments::{Grid, Moments, Table, accumulate};
-use super::residual::{Residual, Wave, residual};
-use super::{Channel, ChannelFit, FitOptions, MIN_PERIODS, MIN_SAMPLES, Record, SineError, SineFit};
+use super::moments::{Moments, Stage, accumulate};
+use super::plan::Plan;
+use super::quantisation::{Quantised, Systematic};
+use super::residual::{Residual, residual};
+use super::sample::pivot;
+use super::{Channel, ChannelFit, FitOptions, MIN_PERIODS, MIN_SAMPLES, Note, Phasor, Record, SineError, SineFit, Tone};
 use crate::spectrum::Covariance2;
 
 /// Steps of the frequency before giving up.
@@ -61,18 +65,21 @@ fn samples(record: &Record<'_>) -> usize {
     record.channels.first().map_or(0, Channel::len)
 }
 
-/// A level taken from the samples before summing, so that a large offset costs no digits. Codes are small whole numbers and need none.
-pub(super) fn pivot(channel: &Channel<'_>) -> f64 {
-    match channel {
-        Channel::Volts { samples, .. } => samples.first().copied().filter(|v| v.is_finite()).unwrap_or(0.0),
-        Channel::Codes { .. } => 0.0,
-    }
+/// What is asked of a solution at one frequency.
+#[derive(Debug, Clone, Copy)]
+struct Task<'a> {
+    record: &'a Record<'a>,
+    plan: &'a Plan,
+    exclude_clipped: bool,
+    /// A step of the frequency is to follow.
+    free: bool,
 }
 
 /// The solution at one frequency.
 #[derive(Debug)]
-pub(super) struct State {
+struct State {
     freq_hz: f64,
+    basis: Basis,
     channels: Vec<Solved>,
 }
 
@@ -80,100 +87,149 @@ pub(super) struct State {
 struct Solved {
     moments: Moments,
     normal: Normal,
-    beta: [f64; 4],
+    beta: Vec<f64>,
     left: Residual,
-    colour_factor: f64,
-    /// Variance of the noise in the unit of the samples squared, quantisation and colour included.
-    variance: f64,
+    /// Variance of what is left, in the unit of the samples squared.
+    noise: f64,
+    /// Variance of the quantisation.
+    floor: f64,
+    /// Error that the quantisation may make.
+    systematic: Option<Systematic>,
+    /// The same as variance of a sample.
+    extra: f64,
 }
 
-/// Fits at one frequency.
-pub(super) fn evaluate(record: &Record<'_>, freq_hz: f64, options: &FitOptions) -> Result<State, SineError> {
-    evaluate_for(record, freq_hz, options, false)
-}
-
-fn evaluate_for(record: &Record<'_>, freq_hz: f64, options: &FitOptions, free: bool) -> Result<State, SineError> {
+/// Fits at a known frequency.
+pub(super) fn known(record: &Record<'_>, freq_hz: f64, options: &FitOptions) -> Result<SineFit, SineError> {
     check_frequency(record, freq_hz)?;
-    let grid = Grid::new(freq_hz, record.interval_s, samples(record));
-    let table = Table::new(&grid);
-    let all = accumulate(record, (&grid, &table), options, free)?;
-    let mut channels = Vec::with_capacity(all.len());
-    for (index, (channel, moments)) in record.channels.iter().zip(all).enumerate() {
-        let (normal, beta) = solve_channel(&moments, freq_hz, options, (index + 1, channel.len()))?;
-        let wave = Wave { phasor: Complex64::new(beta[0], beta[1]), offset: beta[2], drift: beta[3], pivot: pivot(channel) };
-        let left = residual(channel, &wave, (&grid, &table), options);
-        let colour_factor = left.colour_factor(std::f64::consts::TAU * freq_hz * record.interval_s);
-        let freedom = (moments.used - normal.size()).max(1) as f64;
-        let variance = (left.sum_squares / freedom * colour_factor).max(quantisation_variance(channel));
-        channels.push(Solved { moments, normal, beta, left, colour_factor, variance });
-    }
-    Ok(State { freq_hz, channels })
-}
-
-fn solve_channel(
-    moments: &Moments,
-    freq_hz: f64,
-    options: &FitOptions,
-    (channel, samples): (usize, usize),
-) -> Result<(Normal, [f64; 4]), SineError> {
-    let clipped = samples - moments.used;
-    if moments.used == 0 {
-        return Err(SineError::AllClipped { channel, clipped });
-    }
-    if moments.used < MIN_SAMPLES {
-        return Err(SineError::TooFewSamples { channel, needed: MIN_SAMPLES, found: moments.used, clipped });
-    }
-    let normal =
-        Normal::new(&moments.gram, options.linear_drift).ok_or(SineError::Undetermined { channel, used: moments.used, freq_hz })?;
-    let beta = normal.solve(&linear::right_side(moments));
-    Ok((normal, beta))
-}
-
-/// Variance of rounding to whole steps, in the unit of the samples squared.
-fn quantisation_variance(channel: &Channel<'_>) -> f64 {
-    match channel {
-        Channel::Volts { lsb_v, .. } => lsb_v.map_or(0.0, |lsb| lsb * lsb / 12.0),
-        Channel::Codes { .. } => 1.0 / 12.0,
-    }
-}
-
-/// Part of the sum of squares that sinusoids of a frequency explain, each channel against its noise; to compare frequencies by.
-pub(super) fn misfit(record: &Record<'_>, freq_hz: f64, options: &FitOptions) -> Result<f64, SineError> {
-    let state = evaluate(record, freq_hz, options)?;
-    // The logarithm weighs a channel by what is left relative to what was there: the likelihood with unknown noise.
-    let log_left = |solved: &Solved| {
-        let there = linear::explained(&solved.moments, &solved.beta).abs() + solved.left.sum_squares;
-        solved.moments.used as f64 * (solved.left.sum_squares + 1e-24 * there + f64::MIN_POSITIVE).ln()
-    };
-    Ok(state.channels.iter().map(log_left).sum())
+    planned(record, freq_hz, options, |task| Ok(task.evaluate(freq_hz)?.into_fit(&task, None, 1)))
 }
 
 /// Finds the frequency from a start.
 pub(super) fn iterate(record: &Record<'_>, start_hz: f64, options: &FitOptions) -> Result<SineFit, SineError> {
-    let half_record = std::f64::consts::PI * record.interval_s * samples(record) as f64;
-    let mut freq_hz = start_hz;
-    let mut step_hz = f64::NAN;
-    for steps in 1..=MAX_STEPS {
-        let state = evaluate_for(record, freq_hz, options, true)?;
-        let (step, sigma) = state.step()?;
-        step_hz = step.clamp(-LONGEST_STEP, LONGEST_STEP) / half_record;
-        if step.abs() < (SETTLED * sigma).max(ROUNDING).max(4.0 * f64::EPSILON * half_record * freq_hz) {
-            return Ok(state.into_fit(record, Some(sigma / half_record), steps));
-        }
-        freq_hz += step_hz;
+    check_frequency(record, start_hz)?;
+    planned(record, start_hz, options, |task| Task { free: true, ..task }.iterate(start_hz))
+}
+
+/// Fits what the record can carry; if a channel with gaps cannot carry the extras, without them.
+fn planned<T>(
+    record: &Record<'_>,
+    freq_hz: f64,
+    options: &FitOptions,
+    fit: impl Fn(Task<'_>) -> Result<T, SineError>,
+) -> Result<T, SineError> {
+    let plan = Plan::new(options, freq_hz, (samples(record), record.interval_s));
+    let task = |plan| Task { record, plan, exclude_clipped: options.exclude_clipped, free: false };
+    let result = fit(Task { plan: &plan, ..task(&plan) });
+    let Err(SineError::Undetermined { channel, .. } | SineError::TooFewSamples { channel, .. }) = &result else { return result };
+    match plan.reduced(freq_hz, *channel) {
+        Some(reduced) => fit(task(&reduced)),
+        None => result,
     }
-    Err(SineError::NotConverged { iterations: MAX_STEPS, start_hz, freq_hz: freq_hz - step_hz, step_hz })
+}
+
+/// How badly sinusoids of a frequency explain the samples, each channel against its noise; to compare frequencies by.
+pub(super) fn misfit(record: &Record<'_>, freq_hz: f64, options: &FitOptions) -> Result<f64, SineError> {
+    check_frequency(record, freq_hz)?;
+    let plain = FitOptions { drift: options.drift, exclude_clipped: options.exclude_clipped, ..FitOptions::default() };
+    planned(record, freq_hz, &plain, |task| {
+        let state = task.evaluate(freq_hz)?;
+        // The logarithm weighs a channel by what is left relative to what was there: the likelihood with unknown noise.
+        let log_left = |solved: &Solved| {
+            let there = dot(&solved.beta, &solved.moments.right).abs() + solved.left.sum_squares;
+            solved.moments.used as f64 * (solved.left.sum_squares + 1e-24 * there + f64::MIN_POSITIVE).ln()
+        };
+        Ok(state.channels.iter().map(log_left).sum())
+    })
+}
+
+impl Task<'_> {
+    fn evaluate(&self, freq_hz: f64) -> Result<State, SineError> {
+        check_frequency(self.record, freq_hz)?;
+        let extras = self.plan.tones(freq_hz);
+        let freqs_hz: Vec<f64> = std::iter::once(freq_hz).chain(extras.iter().map(|(_, freq_hz)| *freq_hz)).collect();
+        let timed = if self.free { 1 + self.plan.harmonics.len() } else { 0 };
+        let make = Make { freqs_hz: &freqs_hz, degree: self.plan.degree, timed };
+        let basis = Basis::new(&make, self.record.interval_s, samples(self.record));
+        let stage = Stage::new(basis, self.record, self.exclude_clipped);
+        let all = accumulate(self.record, &stage, self.exclude_clipped)?;
+        let mut channels = Vec::with_capacity(all.len());
+        for (index, (channel, moments)) in self.record.channels.iter().zip(all).enumerate() {
+            channels.push(self.solve(&stage, (index, channel), moments, freq_hz)?);
+        }
+        Ok(State { freq_hz, basis: stage.basis, channels })
+    }
+
+    fn solve(
+        &self,
+        stage: &Stage,
+        (index, channel): (usize, &Channel<'_>),
+        mut moments: Moments,
+        freq_hz: f64,
+    ) -> Result<Solved, SineError> {
+        let (number, found, clipped) = (index + 1, moments.used, channel.len() - moments.used);
+        if found == 0 {
+            return Err(SineError::AllClipped { channel: number, clipped });
+        }
+        let needed = MIN_SAMPLES.max(stage.basis.fitted() + 1);
+        if found < needed {
+            return Err(SineError::TooFewSamples { channel: number, needed, found, clipped });
+        }
+        let normal = Normal::new(&moments.gram, stage.basis.fitted());
+        let normal = normal.ok_or(SineError::Undetermined { channel: number, used: found, freq_hz })?;
+        if let Some(rounding) = &moments.rounding {
+            // What the rounding of the columns took from the sums, by the model that they give.
+            let taken = rounding.times(&normal.solve(&moments.right));
+            moments.right.iter_mut().zip(&taken).for_each(|(sum, part)| *sum += part);
+        }
+        let beta = normal.solve(&moments.right);
+        let left = residual(channel, stage, (&moments, &beta), self.exclude_clipped);
+        let freedom = (found - normal.size()).max(1) as f64;
+        let (noise, step) = (left.sum_squares / freedom, lsb(channel).unwrap_or(0.0));
+        let mut solved = Solved { moments, normal, beta, left, noise, floor: step * step / 12.0, systematic: None, extra: 0.0 };
+        if step > 0.0 {
+            solved.quantise(step, self.record.interval_s * freq_hz);
+        }
+        Ok(solved)
+    }
+
+    fn iterate(&self, start_hz: f64) -> Result<SineFit, SineError> {
+        let half_record = std::f64::consts::PI * self.record.interval_s * samples(self.record) as f64;
+        let mut freq_hz = start_hz;
+        let mut step_hz = f64::NAN;
+        for steps in 1..=MAX_STEPS {
+            let state = self.evaluate(freq_hz)?;
+            let (step, sigma) = state.step(self)?;
+            step_hz = step.clamp(-LONGEST_STEP, LONGEST_STEP) / half_record;
+            if step.abs() < (SETTLED * sigma).max(ROUNDING).max(4.0 * f64::EPSILON * half_record * freq_hz) {
+                return Ok(state.into_fit(self, Some(sigma / half_record), steps));
+            }
+            freq_hz += step_hz;
+        }
+        Err(SineError::NotConverged { iterations: MAX_STEPS, start_hz, freq_hz: freq_hz - step_hz, step_hz })
+    }
+}
+
+/// Step of the quantisation in the unit of the samples.
+fn lsb(channel: &Channel<'_>) -> Option<f64> {
+    match channel {
+        Channel::Volts { lsb_v, .. } => *lsb_v,
+        Channel::Codes { .. } => Some(1.0),
+    }
 }
 
 impl State {
     /// Step of the frequency and its standard deviation, as phase at the ends of the record, rad.
-    fn step(&self) -> Result<(f64, f64), SineError> {
+    fn step(&self, task: &Task<'_>) -> Result<(f64, f64), SineError> {
         let (mut curvature, mut slope) = (0.0, 0.0);
         for solved in &self.channels {
-            let (own_curvature, own_slope) = linear::frequency_step(&solved.moments, &solved.normal, &solved.beta);
+            let derivative = self.derivative(&solved.beta, task.plan);
+            let sums = (&solved.moments.gram, solved.moments.right.as_slice());
+            let (own_curvature, own_slope) = linear::frequency_step(sums, &solved.normal, &solved.beta, &derivative);
             let power = solved.beta[0].powi(2) + solved.beta[1].powi(2);
+            let variance = solved.variance(rad_per_sample(self.freq_hz, task.record));
             // Without the floor, channels that the model fits to the last digit would be weighed by their rounding errors.
-            let weight = 1.0 / (solved.variance + 1e-24 * power + f64::MIN_POSITIVE);
+            let weight = 1.0 / (variance + 1e-24 * power + f64::MIN_POSITIVE);
             curvature += weight * own_curvature;
             slope += weight * own_slope;
         }
@@ -182,42 +238,107 @@ impl State {
         if sigma.is_finite() && sigma < std::f64::consts::PI { Ok((slope / curvature, sigma)) } else { Err(SineError::NoSignal) }
     }
 
-    pub(super) fn into_fit(self, record: &Record<'_>, freq_sigma_hz: Option<f64>, iterations: usize) -> SineFit {
-        let samples = samples(record);
-        let grid = Grid::new(self.freq_hz, record.interval_s, samples);
-        // exp(jθ) at sample 0 takes a phasor from the middle of the record to time zero.
-        let to_start = grid.phase(0);
-        let seconds_per_unit = record.interval_s / grid.time_step;
-        let channels = record
-            .channels
-            .iter()
-            .zip(&self.channels)
-            .map(|(channel, solved)| solved.finish(channel, to_start, seconds_per_unit))
-            .collect();
-        SineFit { freq_hz: self.freq_hz, freq_sigma_hz, channels, samples, interval_s: record.interval_s, iterations }
+    /// Coefficients, on all columns, of what a phase at the ends of the record adds to the model: t·(re·(−sin θ) − im·cos θ) of each tone that
+    /// moves with the fundamental, as often as its order.
+    fn derivative(&self, beta: &[f64], plan: &Plan) -> Vec<f64> {
+        let mut derivative = vec![0.0; self.basis.columns()];
+        let orders = std::iter::once(1).chain(plan.harmonics.iter().copied());
+        for (tone, order) in orders.enumerate() {
+            let at = self.basis.fitted() + 2 * tone;
+            derivative[at] = -f64::from(order) * beta[2 * tone + 1];
+            derivative[at + 1] = f64::from(order) * beta[2 * tone];
+        }
+        derivative
+    }
+
+    fn into_fit(self, task: &Task<'_>, freq_sigma_hz: Option<f64>, iterations: usize) -> SineFit {
+        let record = task.record;
+        let channels = record.channels.iter().zip(&self.channels).map(|(channel, solved)| self.channel_fit(record, channel, solved));
+        let channels: Vec<ChannelFit> = channels.collect();
+        let tone = |(index, (kind, freq_hz)): (usize, (super::ToneKind, f64))| {
+            let phasors = record.channels.iter().zip(&self.channels);
+            let phasors = phasors.map(|(channel, solved)| self.phasor(record, (channel, solved), (index + 1, freq_hz)));
+            Tone { kind, freq_hz, channels: phasors.collect() }
+        };
+        let tones = task.plan.tones(self.freq_hz).into_iter().enumerate().map(tone).collect();
+        let mut notes = task.plan.notes.clone();
+        for (index, (solved, fit)) in self.channels.iter().zip(&channels).enumerate() {
+            if let Some(Systematic { noise_lsb, phases, bound_lsb }) = solved.systematic {
+                let bound_v = bound_lsb * lsb(&record.channels[index]).unwrap_or(0.0) * volts_per_unit(&record.channels[index]);
+                let bound_relative = bound_v / fit.phasor.norm();
+                notes.push(Note::Quantisation { channel: index + 1, noise_lsb, phases, bound_v, bound_relative });
+            }
+        }
+        let (samples, interval_s) = (samples(record), record.interval_s);
+        SineFit { freq_hz: self.freq_hz, freq_sigma_hz, channels, samples, interval_s, iterations, tones, notes }
+    }
+
+    /// Phasor of a tone against time zero at sample 0, V.
+    fn phasor(&self, record: &Record<'_>, (channel, solved): (&Channel<'_>, &Solved), (tone, freq_hz): (usize, f64)) -> Phasor {
+        let to_volts = self.basis.place(0).turn(tone) * volts_per_unit(channel);
+        let (re_re, re_im, im_im) = solved.normal.phasor_inverse(tone);
+        let variance = solved.variance(rad_per_sample(freq_hz, record));
+        let in_middle = Covariance2 { re_re: re_re * variance, re_im: re_im * variance, im_im: im_im * variance };
+        Phasor { phasor: Complex64::new(solved.beta[2 * tone], solved.beta[2 * tone + 1]) * to_volts, variance: in_middle.scaled(to_volts) }
+    }
+
+    fn channel_fit(&self, record: &Record<'_>, channel: &Channel<'_>, solved: &Solved) -> ChannelFit {
+        let scale = volts_per_unit(channel);
+        let zero_v = match channel {
+            Channel::Volts { .. } => 0.0,
+            Channel::Codes { scale, .. } => -scale.offset_v,
+        };
+        let Phasor { phasor, variance } = self.phasor(record, (channel, solved), (0, self.freq_hz));
+        let power = |power: usize| {
+            if 2 * self.basis.tones() + power < solved.beta.len() { solved.beta[2 * self.basis.tones() + power] } else { 0.0 }
+        };
+        let seconds_per_unit = record.interval_s / self.basis.time_step;
+        ChannelFit {
+            phasor,
+            variance,
+            offset_v: (power(0) + pivot(channel)) * scale + zero_v,
+            drift_v_per_s: power(1) * scale / seconds_per_unit,
+            curvature_v_per_s2: power(2) * scale / (seconds_per_unit * seconds_per_unit),
+            residual_rms_v: (solved.left.sum_squares / solved.moments.used as f64).sqrt() * scale,
+            residual_lag1: solved.left.lag1(),
+            colour_factor: solved.left.colour_factor(rad_per_sample(self.freq_hz, record)),
+            clipped_samples: solved.moments.clipped,
+            samples_used: solved.moments.used,
+        }
+    }
+}
+
+fn rad_per_sample(freq_hz: f64, record: &Record<'_>) -> f64 {
+    std::f64::consts::TAU * freq_hz * record.interval_s
+}
+
+fn volts_per_unit(channel: &Channel<'_>) -> f64 {
+    match channel {
+        Channel::Volts { .. } => 1.0,
+        Channel::Codes { scale, .. } => scale.volts_per_code,
     }
 }
 
 impl Solved {
-    fn finish(&self, channel: &Channel<'_>, to_start: Complex64, seconds_per_unit: f64) -> ChannelFit {
-        let (volts_per_unit, zero_v) = match channel {
-            Channel::Volts { .. } => (1.0, pivot(channel)),
-            Channel::Codes { scale, .. } => (scale.volts_per_code, -scale.offset_v),
+    /// Variance of a sample, as it counts for a sinusoid of a frequency.
+    fn variance(&self, rad_per_sample: f64) -> f64 {
+        (self.noise * self.left.colour_factor(rad_per_sample)).max(self.floor) + self.extra
+    }
+
+    /// Finds the error that steps of `lsb` may make, and raises the variance so that no direction of the phasor is stated better.
+    fn quantise(&mut self, lsb: f64, cycles: f64) {
+        let (re_re, re_im, im_im) = self.normal.phasor_inverse(0);
+        let quantised = Quantised {
+            amplitude_lsb: self.beta[0].hypot(self.beta[1]) / lsb,
+            residual_lsb2: self.noise / (lsb * lsb),
+            sigma_lsb: (0.5 * (re_re + im_im) * self.noise.max(self.floor)).sqrt() / lsb,
+            cycles,
+            samples: self.moments.used,
         };
-        let [re, im, offset, drift] = self.beta;
-        let to_volts = to_start * volts_per_unit;
-        let (re_re, re_im, im_im) = self.normal.phasor_inverse();
-        let in_middle = Covariance2 { re_re: re_re * self.variance, re_im: re_im * self.variance, im_im: im_im * self.variance };
-        ChannelFit {
-            phasor: Complex64::new(re, im) * to_volts,
-            variance: in_middle.scaled(to_volts),
-            offset_v: offset * volts_per_unit + zero_v,
-            drift_v_per_s: drift * volts_per_unit / seconds_per_unit,
-            residual_rms_v: (self.left.sum_squares / self.moments.used as f64).sqrt() * volts_per_unit,
-            residual_lag1: self.left.lag1(),
-            colour_factor: self.colour_factor,
-            clipped_samples: self.left.clipped,
-            samples_used: self.moments.used,
+        self.systematic = quantised.systematic();
+        if let Some(systematic) = self.systematic {
+            let least = 0.5 * (re_re + im_im) - (0.5 * (re_re - im_im)).hypot(re_im);
+            self.extra = (systematic.bound_lsb * lsb).powi(2) / least.max(f64::MIN_POSITIVE);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use analysis::spectrum::ChannelPhasors;
+use analysis::spectrum::{ChannelPhasors, PhasorVariance};
 use num_complex::Complex64;
 
 use crate::noise::Noise;
@@ -29,6 +29,9 @@ pub(crate) struct Bench {
 pub(crate) const SHUNT: (f64, f64) = (9.96e-3, 12e-9);
 /// The copper fake cell.
 pub(crate) const FAKE_CELL: (f64, f64) = (3.7e-3, 20e-9);
+
+/// A bar.
+pub(crate) const SHORT: (f64, f64) = (20e-6, 6e-9);
 
 impl Bench {
     pub(crate) fn ideal() -> Self {
@@ -67,7 +70,7 @@ impl Bench {
             }
             *volt += Complex64::new(noise.gauss(), noise.gauss()) * self.noise_v;
         }
-        ChannelPhasors { freq_hz, volts, variance: [self.noise_v * self.noise_v; 4] }
+        ChannelPhasors { freq_hz, volts, variance: [PhasorVariance::circular(self.noise_v * self.noise_v); 4] }
     }
 
     pub(crate) fn sweep(&self, probes: Probes, in_jig: fn(f64) -> Complex64, noise: &mut Noise) -> Vec<ChannelPhasors> {
@@ -89,4 +92,8 @@ pub(crate) fn cell(freq_hz: f64) -> Complex64 {
 
 pub(crate) fn fake_cell(freq_hz: f64) -> Complex64 {
     Complex64::new(FAKE_CELL.0, TAU * freq_hz * FAKE_CELL.1)
+}
+
+pub(crate) fn short(freq_hz: f64) -> Complex64 {
+    Complex64::new(SHORT.0, TAU * freq_hz * SHORT.1)
 }

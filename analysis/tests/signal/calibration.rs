@@ -1,7 +1,7 @@
 //! The correction of the harness against a bench of closed formulas.
 
 use analysis::calibration::{ControlTolerance, Controls, Correction, KnownImpedance, Priors, check_control};
-use analysis::spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance};
+use analysis::spectrum::{ChannelPhasors, ImpedancePoint, PhasorVariance, raw_impedance};
 use num_complex::Complex64;
 
 use crate::bench::{Bench, FAKE_CELL, Probes, SHUNT, cell, fake_cell};
@@ -58,8 +58,14 @@ fn a_crooked_bench_is_set_right() {
     let mut noise = Noise::new(1);
     let runs = runs(&crooked(), &mut noise);
     let shunt = exactly(SHUNT);
-    let controls =
-        Controls { current_shunt: shunt, shunt: &runs.shunt, fake_cell: Some((exactly(FAKE_CELL), &runs.fake)), priors: Priors::default() };
+    let controls = Controls {
+        current_shunt: shunt,
+        shunt: &runs.shunt,
+        fake_cell: Some((exactly(FAKE_CELL), &runs.fake)),
+        short: None,
+        open: None,
+        priors: Priors::default(),
+    };
     let correction = Correction::fit(&controls).unwrap();
     let errors = errors(&correction, &runs.cell);
     // What is left: skews that act on the cell a little differently than on the fake cell, 1 µs · 6 mΩ · ω.
@@ -93,7 +99,7 @@ fn coverage(seeds: std::ops::Range<u64>, with_fake: bool) -> (f64, f64, f64) {
         let runs = runs(&bench, &mut noise);
         let (shunt, fake) = (known(SHUNT, &mut noise), known(FAKE_CELL, &mut noise));
         let fake_cell = with_fake.then_some((fake, runs.fake.as_slice()));
-        let controls = Controls { current_shunt: shunt, shunt: &runs.shunt, fake_cell, priors: Priors::default() };
+        let controls = Controls { current_shunt: shunt, shunt: &runs.shunt, fake_cell, short: None, open: None, priors: Priors::default() };
         let correction = Correction::fit(&controls).unwrap();
         chi2 += correction.reduced_chi2.unwrap() / (seeds.end - seeds.start) as f64;
         for (point, error) in errors(&correction, &runs.cell) {
@@ -164,6 +170,8 @@ fn parameters_come_back_where_the_controls_tell_them() {
         current_shunt: exactly(SHUNT),
         shunt: &runs.shunt,
         fake_cell: Some((exactly(FAKE_CELL), &runs.fake)),
+        short: None,
+        open: None,
         priors: Priors::default(),
     };
     let correction = Correction::fit(&controls).unwrap();
@@ -206,10 +214,11 @@ fn scatter_beyond_the_stated_noise_widens_the_correction() {
     for seed in 0..seeds {
         let mut runs = runs(&bench, &mut Noise::new(seed));
         for phasors in runs.shunt.iter_mut().chain(&mut runs.fake) {
-            phasors.variance = [25e-12; 4];
+            phasors.variance = [PhasorVariance::circular(25e-12); 4];
         }
         let fake_cell = Some((exactly(FAKE_CELL), runs.fake.as_slice()));
-        let controls = Controls { current_shunt: exactly(SHUNT), shunt: &runs.shunt, fake_cell, priors: Priors::default() };
+        let controls =
+            Controls { current_shunt: exactly(SHUNT), shunt: &runs.shunt, fake_cell, short: None, open: None, priors: Priors::default() };
         let correction = Correction::fit(&controls).unwrap();
         let own = correction.reduced_chi2.unwrap();
         assert!((correction.noise_factor - own.sqrt()).abs() < 1e-12, "{correction:?}");
@@ -222,7 +231,14 @@ fn scatter_beyond_the_stated_noise_widens_the_correction() {
 fn a_correction_survives_the_disk() {
     let mut noise = Noise::new(31);
     let runs = runs(&crooked(), &mut noise);
-    let controls = Controls { current_shunt: known(SHUNT, &mut noise), shunt: &runs.shunt, fake_cell: None, priors: Priors::default() };
+    let controls = Controls {
+        current_shunt: known(SHUNT, &mut noise),
+        shunt: &runs.shunt,
+        fake_cell: None,
+        short: None,
+        open: None,
+        priors: Priors::default(),
+    };
     let correction = Correction::fit(&controls).unwrap();
     let back: Correction = serde_json::from_str(&serde_json::to_string(&correction).unwrap()).unwrap();
     let (a, b) = (correction.apply(&runs.cell[5]), back.apply(&runs.cell[5]));
@@ -233,7 +249,8 @@ fn a_correction_survives_the_disk() {
 fn unusable_controls_are_refused() {
     let mut noise = Noise::new(41);
     let runs = runs(&crooked(), &mut noise);
-    let good = Controls { current_shunt: exactly(SHUNT), shunt: &runs.shunt, fake_cell: None, priors: Priors::default() };
+    let good =
+        Controls { current_shunt: exactly(SHUNT), shunt: &runs.shunt, fake_cell: None, short: None, open: None, priors: Priors::default() };
     let refusal = |controls: &Controls<'_>| Correction::fit(controls).unwrap_err().to_string();
     assert_eq!(refusal(&Controls { shunt: &[], ..good }), "expected points of at least one control, met none");
     let negative = KnownImpedance { r_ohm: -1.0, ..exactly(SHUNT) };
@@ -250,7 +267,10 @@ fn unusable_controls_are_refused() {
         refusal(&Controls { shunt: &points, ..good })
     };
     assert_eq!(spoilt(|p| p.freq_hz = f64::NAN), "shunt control, point 2 (NaN Hz): expected a frequency above 0 Hz, met NaN Hz");
-    assert_eq!(spoilt(|p| p.variance[2] = 0.0), "shunt control, point 2 (0.25 Hz): expected positive, finite variances, met 0 V²");
+    assert_eq!(
+        spoilt(|p| p.variance[2] = PhasorVariance::circular(0.0)),
+        "shunt control, point 2 (0.25 Hz): expected positive, finite variances, met 0, 0, 0 V²"
+    );
     assert_eq!(
         spoilt(|p| p.volts[3].re = f64::NAN).split(", met").next().unwrap(),
         "shunt control, point 2 (0.25 Hz): expected finite phasors"

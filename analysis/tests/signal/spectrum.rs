@@ -1,7 +1,7 @@
 //! Phasors to impedance, and the checks of a spectrum.
 
 use analysis::sine::{Channel, FitOptions, Record, fit_known_frequency};
-use analysis::spectrum::{ChannelPhasors, Covariance2, ImpedancePoint, Spectrum, raw_impedance};
+use analysis::spectrum::{ChannelPhasors, Covariance2, ImpedancePoint, PhasorVariance, Spectrum, raw_impedance};
 use num_complex::Complex64;
 use proptest::prelude::*;
 
@@ -15,7 +15,7 @@ fn c(re: f64, im: f64) -> Complex64 {
 fn phasors() -> ChannelPhasors {
     let i = Complex64::from_polar(1.2, 0.5);
     let volts = [i * 0.017, i * 0.027, i * 0.039, i * c(0.048, -0.002)];
-    ChannelPhasors { freq_hz: 10.0, volts, variance: [1e-12, 2e-12, 9e-12, 4e-12] }
+    ChannelPhasors { freq_hz: 10.0, volts, variance: [1e-12, 2e-12, 9e-12, 4e-12].map(PhasorVariance::circular) }
 }
 
 #[test]
@@ -35,7 +35,7 @@ fn its_covariance_is_that_of_its_scatter() {
     for _ in 0..count {
         let mut noisy = clean;
         for (volts, variance) in noisy.volts.iter_mut().zip(clean.variance) {
-            *volts += c(noise.gauss(), noise.gauss()) * variance.sqrt();
+            *volts += c(noise.gauss(), noise.gauss()) * variance.noise.re_re.sqrt();
         }
         let point = raw_impedance(&noisy, 0.010);
         let error = point.z_ohm - stated.z_ohm;
@@ -67,7 +67,10 @@ fn four_channels_make_phasors() {
     assert!(phasors.volts.iter().zip(truth).all(|(found, truth)| (found - truth).norm() < 1e-13), "{phasors:?}");
     // Whole periods of a flat noise of q²/12; the trend takes a little of the sine's part.
     let expected = 2.0 * 1e-10 / 12.0 / 2000.0;
-    assert!(phasors.variance.iter().all(|v| (v / expected - 1.0).abs() < 0.01), "{phasors:?}");
+    assert!(
+        phasors.totals().iter().all(|v| (v.re_re / expected - 1.0).abs() < 0.01 && (v.im_im / expected - 1.0).abs() < 0.01),
+        "{phasors:?}"
+    );
     assert!((raw_impedance(&phasors, 0.01).z_ohm - c(0.009, -0.002)).norm() < 1e-13);
     fit.channels.pop();
     assert_eq!(ChannelPhasors::from_fit(&fit).unwrap_err().to_string(), "expected fits of 4 channels, met 3");

@@ -31,6 +31,9 @@ struct Group {
 /// # Errors
 /// A file or an argument that is not as expected; a fit that cannot be made; a folder that cannot be written.
 pub fn fit(args: &FitArgs) -> Result<(), Failure> {
+    if let Some(circuit) = &args.circuit.circuit {
+        return super::fit_circuit::fit_circuit(args, circuit);
+    }
     let orders = orders(&args.rc)?;
     let objective: Objective = args.objective.parse().map_err(|error| Failure::Usage(format!("--objective: {error}")))?;
     let (cells, others) = read(args)?;
@@ -76,7 +79,7 @@ fn orders(text: &str) -> Result<Vec<usize>, Failure> {
 }
 
 /// The spectra to be fitted, and the control impedances that came with them. Sweeps with a bias belong to neither.
-fn read(args: &FitArgs) -> Result<(Vec<Spectrum>, Vec<Spectrum>), Failure> {
+pub(super) fn read(args: &FitArgs) -> Result<(Vec<Spectrum>, Vec<Spectrum>), Failure> {
     let mut cells = Vec::new();
     let mut others = Vec::new();
     let mut passed_over = Vec::new();

@@ -1,11 +1,19 @@
 //! What the command line does, one file per command.
 
 pub mod fit;
+pub mod fit_circuit;
 pub mod identify;
+pub mod joint;
 pub mod kk;
 pub mod mock;
+pub mod ocv;
+pub mod pack;
+pub mod pack_simulate;
+pub mod pack_size;
 pub mod plan;
 pub mod run;
+pub mod simulate;
+pub mod sop;
 
 use crate::{bench::BenchError, config::ConfigError, executor::ExecuteError, plan::PlanError, record::RecordError, sim::SimError};
 

@@ -313,20 +313,26 @@ fn judge(
 /// Computes the correction from the controls and stops the run when it does not make them right.
 fn correct(recorder: &mut Recorder, experiment: &Experiment, measured: &mut Measured) -> Result<(), Failure> {
     let Some(check) = &experiment.fixture_check else { return Ok(()) };
-    let sweep = |name: &str| measured.sweeps.get(name).map_or(&[][..], Vec::as_slice);
-    let correction = fixture_check::correction(&experiment.bench, sweep("shunt"), sweep("fake_cell"))
+    let correction = fixture_check::correction(&experiment.bench, &measured.sweeps)
         .map_err(|error| Failure::FixtureCheck(format!("no correction can be computed: {error}")))?;
     recorder.json("correction.json", &correction)?;
     measured.correction = correction;
-    let Some(fake_cell) = measured.controls.iter_mut().find(|control| control.control == "fake_cell") else { return Ok(()) };
-    let points = measured.sweeps.get("fake_cell").map_or(&[][..], Vec::as_slice);
-    let verdict = fixture_check::judge_corrected(&measured.correction, &fake_cell.known, check.corrected_tolerance, points);
-    let text = format!("fake_cell after the correction: {}", verdict.text);
-    let passed = verdict.passed;
-    fake_cell.corrected = Some(verdict);
-    recorder.event(&text)?;
+    let mut wrong = None;
+    for fixture in [Fixture::FakeCell, Fixture::Short] {
+        let name = crate::plan::fixture_name(fixture);
+        let Some(control) = measured.controls.iter_mut().find(|control| control.control == name) else { continue };
+        let points = measured.sweeps.get(name).map_or(&[][..], Vec::as_slice);
+        let correction = (&measured.correction, check.corrected_tolerance);
+        let verdict = fixture_check::judge_corrected(&experiment.bench, fixture, correction, points);
+        let text = format!("{name} after the correction: {}", verdict.text);
+        recorder.event(&text)?;
+        if !verdict.passed && wrong.is_none() {
+            wrong = Some(text);
+        }
+        control.corrected = Some(verdict);
+    }
     recorder.json("controls.json", &measured.controls)?;
-    if passed { Ok(()) } else { Err(Failure::FixtureCheck(text)) }
+    wrong.map_or(Ok(()), |text| Err(Failure::FixtureCheck(text)))
 }
 
 /// Safe state that could not be verified outweighs everything else.

@@ -13,7 +13,7 @@ use instruments::{
     units::Seconds,
 };
 
-use super::{Bench, Cell, ConfigError, Eis, Fit, FixtureCheck, SocReset, Source, Temperature, raw};
+use super::{Bench, Cell, ConfigError, Eis, Fit, FixtureCheck, SocReset, Source, Temperature, Tolerance, raw};
 
 /// How far the end of a charge lies below the limit of the supply at least, V.
 const CHARGE_MARGIN_V: f64 = 0.02;
@@ -72,6 +72,10 @@ impl Check<'_> {
             let reason = "expected its impedance: [fixture_check.fake_cell] measures it as a control";
             return Err(self.bench_source.complain("controls.fake_cell", reason));
         }
+        if raw.short.is_some() && self.bench.short.is_none() {
+            let reason = "expected its impedance: [fixture_check.short] measures it as a control";
+            return Err(self.bench_source.complain("controls.short", reason));
+        }
         // The shunt first: no cell-like thing is clamped before the current path has been seen to work.
         let mut controls = Vec::new();
         for (fixture, name, tolerance) in
@@ -81,11 +85,15 @@ impl Check<'_> {
             let field = |part: &str| format!("fixture_check.{name}.{part}");
             controls.push((
                 fixture,
-                ControlTolerance {
+                Tolerance::Relative(ControlTolerance {
                     magnitude_rel: self.within(&field("magnitude"), tolerance.magnitude.si, (1.0e-4, 0.5), "(share)")?,
                     phase_deg: self.within(&field("phase"), tolerance.phase.si, (0.01, 45.0), "°")?,
-                },
+                }),
             ));
+        }
+        if let Some(short) = &raw.short {
+            let error_ohm = self.within("fixture_check.short.error", short.error.si, (1.0e-7, 0.1), "Ω")?;
+            controls.push((Fixture::Short, Tolerance::Absolute(error_ohm)));
         }
         let corrected_tolerance = self.within("fixture_check.corrected_tolerance", raw.corrected_tolerance.si, (1.0e-4, 0.1), "(share)")?;
         Ok(FixtureCheck { controls, corrected_tolerance })

@@ -10,7 +10,7 @@ mod source;
 use std::path::PathBuf;
 
 use analysis::{
-    calibration::{ControlTolerance, KnownImpedance},
+    calibration::{ControlTolerance, KnownImpedance, StrayAdmittance},
     fit::Objective,
 };
 use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
@@ -55,6 +55,10 @@ pub struct Bench {
     pub wiring: Wiring,
     /// The copper fake cell, where its impedance is known.
     pub fake_cell: Option<KnownImpedance>,
+    /// The short bar, where its impedance is known.
+    pub short: Option<KnownImpedance>,
+    /// The stray admittance of the open jig, where it was measured.
+    pub open: Option<StrayAdmittance>,
     /// The simulation behind the addresses, if there is one.
     pub simulation: Option<Simulation>,
 }
@@ -191,9 +195,18 @@ pub struct Temperature {
 #[derive(Debug, Clone)]
 pub struct FixtureCheck {
     /// The controls to measure and how far their raw reading may be off.
-    pub controls: Vec<(Fixture, ControlTolerance)>,
+    pub controls: Vec<(Fixture, Tolerance)>,
     /// How far a control may be off after the correction, as a share.
     pub corrected_tolerance: f64,
+}
+
+/// How far a control may be off as read.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Tolerance {
+    /// Of an impedance: by magnitude and phase.
+    Relative(ControlTolerance),
+    /// Of a short: by this much in any direction, Ω.
+    Absolute(f64),
 }
 
 /// The reset of the state of charge (thesis 3.3.1).

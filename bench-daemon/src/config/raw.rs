@@ -3,8 +3,8 @@
 use serde::Deserialize;
 
 use super::quantity::{
-    Angle, Charge, Current, Duration, Frequency, Inductance, Quantity, Resistance, Share, Temperature, TemperatureDifference, Voltage,
-    VoltageSlope,
+    Angle, Capacitance, Charge, Current, Duration, Frequency, Inductance, Quantity, Resistance, Share, Temperature, TemperatureDifference,
+    Voltage, VoltageSlope,
 };
 
 /// An experiment: what is to be done with which cell on which bench.
@@ -37,6 +37,7 @@ pub(super) struct TemperatureSection {
 pub(super) struct FixtureCheck {
     pub(super) shunt: ControlTolerance,
     pub(super) fake_cell: Option<ControlTolerance>,
+    pub(super) short: Option<ShortTolerance>,
     pub(super) corrected_tolerance: Quantity<Share>,
 }
 
@@ -45,6 +46,13 @@ pub(super) struct FixtureCheck {
 pub(super) struct ControlTolerance {
     pub(super) magnitude: Quantity<Share>,
     pub(super) phase: Quantity<Angle>,
+}
+
+/// A short has no magnitude to be a share of, and no phase.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ShortTolerance {
+    pub(super) error: Quantity<Resistance>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -182,6 +190,16 @@ pub(super) struct Known {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Controls {
     pub(super) fake_cell: Option<Known>,
+    pub(super) short: Option<Known>,
+    pub(super) open: Option<Open>,
+}
+
+/// What a meter says of the empty jig: bounds.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Open {
+    pub(super) resistance_min: Quantity<Resistance>,
+    pub(super) capacitance_max: Quantity<Capacitance>,
 }
 
 #[derive(Debug, Deserialize)]

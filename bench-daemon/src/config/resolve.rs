@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use analysis::calibration::KnownImpedance;
+use analysis::calibration::{KnownImpedance, StrayAdmittance};
 use fixtures::Scenario;
 use instruments::{chiller, clock::TimeMode, generator, instrument::Model, jig, load, logger, scope, supply, supply4q, transport::Address};
 
@@ -94,8 +94,24 @@ fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
             scale_per_ampere_v: wiring.scale_per_ampere.map(|scale| scale.si),
         },
         fake_cell: raw.controls.fake_cell.as_ref().map(|fake| known(source, "controls.fake_cell", fake)).transpose()?,
+        short: raw.controls.short.as_ref().map(|short| known(source, "controls.short", short)).transpose()?,
+        open: raw.controls.open.as_ref().map(|open| stray(source, open)).transpose()?,
         simulation,
     })
+}
+
+/// What the open jig may leak at most; the leak itself is anything from nothing to that.
+fn stray(source: &Source, raw: &raw::Open) -> Result<StrayAdmittance, ConfigError> {
+    let (least_ohm, greatest_f) = (raw.resistance_min.si, raw.capacitance_max.si);
+    if least_ohm <= 0.0 {
+        return Err(source.complain("controls.open.resistance_min", format!("expected a resistance above 0 Ω, found {least_ohm} Ω")));
+    }
+    if greatest_f < 0.0 {
+        return Err(
+            source.complain("controls.open.capacitance_max", format!("expected a capacitance of 0 F or more, found {greatest_f} F"))
+        );
+    }
+    Ok(StrayAdmittance::within(least_ohm, greatest_f))
 }
 
 /// One client at a time, one instrument at an address.

@@ -2,7 +2,7 @@
 
 use analysis::{
     sine::{self, Channel, FitOptions, Record},
-    spectrum::ChannelPhasors,
+    spectrum::{ChannelPhasors, code_step},
 };
 use instruments::{
     generator::Sine,
@@ -244,7 +244,8 @@ fn analyse(
         return Err(fail(reason));
     }
     let residual_lag1 = fit.channels.iter().map(|channel| channel.residual_lag1).fold(0.0, f64::max);
-    let phasors = ChannelPhasors::from_fit(&fit).map_err(|error| fail(error.to_string()))?;
+    let lsb_v = [0, 1, 2, 3].map(|slot: usize| code_step(&waveforms[slot].codes) * waveforms[slot].preamble.volts_per_code);
+    let phasors = ChannelPhasors::from_codes(&fit, lsb_v).map_err(|error| fail(error.to_string()))?;
     let volts_per_div = [0, 1, 2, 3].map(|slot: usize| waveforms[slot].preamble.volts_per_div);
     Ok(SweepPoint { fixture, index, phasors, volts_per_div, free_freq_hz: free.freq_hz, residual_lag1, warnings })
 }

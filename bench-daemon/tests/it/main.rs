@@ -1,12 +1,15 @@
 //! Integration tests of the daemon: one binary.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "helpers of tests may end a test")]
 
+mod accuracy;
 mod architecture;
 mod configuration;
 mod demo;
 mod fit;
+mod fit_circuit;
 mod kill;
 mod mock_process;
 mod ranging;
+mod simulate;
 mod support;
 mod verdicts;

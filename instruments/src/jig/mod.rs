@@ -43,6 +43,7 @@ impl Jig {
             Fixture::Cell => Exchange::word("JIG:MOUNT CELL", "JIG:MOUNT?", &["CELL"]),
             Fixture::Shunt => Exchange::word("JIG:MOUNT SHUNT", "JIG:MOUNT?", &["SHUNT", "SHUN"]),
             Fixture::FakeCell => Exchange::word("JIG:MOUNT FAKE", "JIG:MOUNT?", &["FAKE"]),
+            Fixture::Short => Exchange::word("JIG:MOUNT BAR", "JIG:MOUNT?", &["BAR"]),
         };
         play(&mut self.link, &[script]).await
     }

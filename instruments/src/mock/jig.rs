@@ -1,6 +1,6 @@
 //! The hands of a person, as an instrument: clamps another fixture into the simulated jig.
 //!
-//! `JIG:MOUNt CELL|SHUNT|FAKE`, `JIG:MOUNt?`, `*IDN?`, `SYSTem:ERRor?`. No such instrument exists; a real bench asks its operator instead.
+//! `JIG:MOUNt CELL|SHUNT|FAKE|BAR`, `JIG:MOUNt?`, `*IDN?`, `SYSTem:ERRor?`. No such instrument exists; a real bench asks its operator instead.
 
 use scpi::{Branch, Leaf, Root, error::Error, tree::Node};
 
@@ -27,9 +27,10 @@ impl Jig {
     }
 
     fn mount(&mut self, arguments: &mut Arguments) -> Fallible {
-        let fixture = match arguments.word(&["CELL", "SHUNT", "FAKE"])? {
+        let fixture = match arguments.word(&["CELL", "SHUNT", "FAKE", "BAR"])? {
             "CELL" => Fixture::Cell,
             "SHUNT" => Fixture::Shunt,
+            "BAR" => Fixture::Short,
             _ => Fixture::FakeCell,
         };
         self.world.plant().mount(self.world.now_s, fixture);
@@ -41,6 +42,7 @@ impl Jig {
             Fixture::Cell => "CELL",
             Fixture::Shunt => "SHUNT",
             Fixture::FakeCell => "FAKE",
+            Fixture::Short => "BAR",
         })
     }
 }

@@ -42,6 +42,8 @@ pub enum Fixture {
     Shunt,
     /// The copper fake cell in the jig, voltage probes on its Kelvin contacts.
     FakeCell,
+    /// A short bar in the jig, voltage probes on its Kelvin contacts: a control impedance of next to nothing.
+    Short,
 }
 
 /// What an instrument does to the world.

@@ -3,6 +3,7 @@
 mod report;
 
 use analysis::{
+    budget::Budget,
     dataset,
     fit::{Bounds, ErmFit, FitOptions, ModelFile, PackModel, fit_erm},
     pack::Pack,
@@ -31,8 +32,12 @@ pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: 
         dataset::write_spectrum_parquet(&recorder.path(&format!("raw_{name}.parquet")), &raw).map_err(crate::record::RecordError::from)?;
     }
     range_warnings(recorder, measured);
-    report::write(recorder, experiment, measured, &fits)?;
-    Ok(summary(recorder, experiment, measured, &fits))
+    let cell = measured.sweeps.get(crate::plan::fixture_name(Fixture::Cell)).map_or(&[][..], Vec::as_slice);
+    let budget = Budget::new(&measured.correction, cell.iter().map(|point| &point.phasors));
+    recorder.text("budget.csv", &budget.to_csv())?;
+    recorder.json("budget.json", &budget)?;
+    report::write(recorder, experiment, measured, (&fits, &budget))?;
+    Ok(summary(recorder, experiment, measured, (&fits, &budget)))
 }
 
 /// The orders that could be fitted; one that could not is noted and does not cost the others.
@@ -53,7 +58,7 @@ fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, spectrum: &Spect
 /// A gain belongs to a range: a correction measured on one range does not hold on another.
 fn range_warnings(recorder: &mut Recorder, measured: &Measured) {
     let Some(cell) = measured.sweeps.get(crate::plan::fixture_name(Fixture::Cell)) else { return };
-    for control in ["shunt", "fake_cell"] {
+    for control in ["shunt", "fake_cell", "short"] {
         let Some(points) = measured.sweeps.get(control) else { continue };
         for (point, reference) in cell.iter().zip(points) {
             let other = |slot: &usize| (point.volts_per_div[*slot] / reference.volts_per_div[*slot] - 1.0).abs() > 1.0e-3;
@@ -71,7 +76,7 @@ fn range_warnings(recorder: &mut Recorder, measured: &Measured) {
     }
 }
 
-fn summary(recorder: &Recorder, experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> String {
+fn summary(recorder: &Recorder, experiment: &Experiment, measured: &Measured, (fits, budget): (&[ErmFit], &Budget)) -> String {
     let mut lines = vec![format!("{} on bench {}: {}", experiment.name, experiment.bench.name, experiment.cell.name), String::new()];
     for control in &measured.controls {
         lines.push(format!("control {}, as read: {}", control.control, control.raw.text));
@@ -89,6 +94,7 @@ fn summary(recorder: &Recorder, experiment: &Experiment, measured: &Measured, fi
             ));
         }
     }
+    lines.extend(budget.in_words());
     lines.push(String::new());
     for fit in fits {
         let chi2 = fit.reduced_chi2.map_or_else(String::new, |chi2| format!(", reduced χ² {chi2:.2}"));

@@ -1,6 +1,7 @@
 //! Plots and the page of a run.
 
 use analysis::{
+    budget::Budget,
     fit::ErmFit,
     plot::{self, ImpedancePlot, PlotError, Series},
     report::{Figure, Level, Report, Table, Verdict},
@@ -23,7 +24,12 @@ use crate::{
 /// A reduced χ² above this says that the model leaves something out.
 const GOOD_CHI2: f64 = 2.0;
 
-pub(super) fn write(recorder: &Recorder, experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> Result<(), Failure> {
+pub(super) fn write(
+    recorder: &Recorder,
+    experiment: &Experiment,
+    measured: &Measured,
+    (fits, budget): (&[ErmFit], &Budget),
+) -> Result<(), Failure> {
     let drawn = |error: PlotError| Failure::Analysis(error.to_string());
     let spectra = std::slice::from_ref(&measured.spectrum);
     let mut figures = Vec::new();
@@ -39,6 +45,12 @@ pub(super) fn write(recorder: &Recorder, experiment: &Experiment, measured: &Mea
     }
     let caption = "Magnitude and phase over frequency: the corrected spectrum with 2σ, and the fitted models.".to_owned();
     figures.push(Figure { svg: plot::bode_svg(&bode).map_err(drawn)?, caption });
+    let chart = budget.chart(&format!("Uncertainty budget, {}", experiment.cell.name));
+    for extension in ["svg", "png"] {
+        plot::chart(&chart, &recorder.path(&format!("plots/budget.{extension}"))).map_err(drawn)?;
+    }
+    let caption = "Where the uncertainty of the corrected spectrum comes from; the parts add up in squares.".to_owned();
+    figures.push(Figure { svg: plot::chart_svg(&chart).map_err(drawn)?, caption });
     let (validity, pictures) = kk::in_report(&measured.spectrum)?;
     figures.extend(pictures);
     let mut verdicts = verdicts(recorder, measured, fits);
@@ -47,7 +59,7 @@ pub(super) fn write(recorder: &Recorder, experiment: &Experiment, measured: &Mea
         title: format!("{}: {} on bench {}", experiment.name, experiment.cell.name, experiment.bench.name),
         verdicts,
         figures,
-        tables: tables(experiment, measured, fits),
+        tables: tables(experiment, measured, (fits, budget)),
         provenance: provenance(experiment),
     };
     let html = report.to_html().map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -126,7 +138,7 @@ fn verdicts(recorder: &Recorder, measured: &Measured, fits: &[ErmFit]) -> Vec<Ve
     verdicts
 }
 
-fn tables(experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> Vec<Table> {
+fn tables(experiment: &Experiment, measured: &Measured, (fits, budget): (&[ErmFit], &Budget)) -> Vec<Table> {
     let words = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
     let point = |point: &ImpedancePoint| {
         vec![
@@ -168,7 +180,7 @@ fn tables(experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> Vec<
             })
             .collect(),
     };
-    vec![models_table(fits), branches_table(fits), pack, spectrum, harness]
+    vec![models_table(fits), branches_table(fits), pack, spectrum, harness, budget.table()]
 }
 
 fn provenance(experiment: &Experiment) -> Vec<(String, String)> {

@@ -1,8 +1,17 @@
 //! From a cell to a pack of S cells in series, P in parallel (thesis 3.3.4).
 //!
 //! All cells are taken as identical, so Z_pack = S/P · Z_cell (equation 3.3), which resistances times S/P and capacitances times P/S fulfil
-//! (equations 3.4, 3.6, 3.10; the proof there is for one RC circuit, the law holds branch by branch). Scatter between cells, and busbars beyond
-//! one resistance in series, are not modelled.
+//! (equations 3.4, 3.6, 3.10; the proof there is for one RC circuit, the law holds branch by branch). [`Sizing`] is what the simple-IR model says a
+//! pack can do.
+
+mod heat;
+mod network;
+mod scatter;
+mod sizing;
+
+pub use heat::{Hold, ThermalMass};
+pub use scatter::{BandRow, Draws, Outcome, Percentiles, Scatter, ScatterSetup, Spread, scatter};
+pub use sizing::{OperatingPoint, PeakLimit, SimpleIr, Sizing, SizingInput, check_window};
 
 use crate::model::{Erm, ModelError, RcBranch};
 use num_complex::Complex64;
@@ -39,6 +48,32 @@ pub enum PackError {
     /// A cell model that is not valid.
     #[error(transparent)]
     Cell(#[from] ModelError),
+    /// A number that makes no sense.
+    #[error("{what}: expected {expected}, met {met}")]
+    Value {
+        /// What it is of.
+        what: &'static str,
+        /// What was expected.
+        expected: &'static str,
+        /// The value met.
+        met: f64,
+    },
+    /// A voltage window that is none.
+    #[error("voltage window of a cell: expected 0 ≤ lower < upper in V, met {low_v} to {high_v}")]
+    Window {
+        /// Lower end, V.
+        low_v: f64,
+        /// Upper end, V.
+        high_v: f64,
+    },
+    /// More than any load could draw.
+    #[error("power of {power_w} W: expected at most {most_w:.1} W, OCV²/4r")]
+    Infeasible {
+        /// The power met, W.
+        power_w: f64,
+        /// The most possible, W.
+        most_w: f64,
+    },
 }
 
 impl Pack {

@@ -1,0 +1,96 @@
+//! How long fits take and how surely they end at the optimum. Run: `cargo bench -p analysis --bench fit [-- --json] [--seeds N]`.
+//!
+//! Every figure is of one thread. "At the optimum" counts seeds whose objective is within 1e-6 of the best of all seeds; the data of the simulated sweeps differ
+//! from seed to seed, there the best comes from eight further seeds of the search.
+
+// A benchmark measures time: the one place of this crate that may look at the machine's clock.
+#![allow(clippy::disallowed_methods, clippy::unwrap_used)]
+
+use analysis::fit::{FitOptions, Objective, Rng, fit_erm};
+use analysis::formats::read_unbiased_cells;
+use analysis::spectrum::{Covariance2, ImpedancePoint, Spectrum};
+use num_complex::Complex64;
+use std::path::Path;
+use std::time::Instant;
+
+/// Appendix A's four branches, by rising time constant: R, then (R, C).
+const CELL: (f64, [(f64, f64); 4]) =
+    (0.006_428_63, [(0.001_509_24, 0.552_812), (0.000_662_797, 6.979_85), (0.000_404_066, 663.817), (0.004_774_06, 1_084.24)]);
+
+struct Row {
+    name: String,
+    seconds: f64,
+    at_optimum: Option<(usize, usize)>,
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let seeds = arguments.iter().position(|a| a == "--seeds").and_then(|i| arguments.get(i + 1)?.parse().ok()).unwrap_or(50);
+    let table = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
+    let sweeps = read_unbiased_cells(&table).unwrap();
+    let mut rows = Vec::new();
+    for objective in [Objective::Complex, Objective::SumAbs, Objective::Modulus] {
+        rows.push(simulated(objective, seeds));
+    }
+    for objective in [Objective::Complex, Objective::SumAbs, Objective::Modulus] {
+        for rc in [1, 2, 3, 4] {
+            rows.push(pooled(&sweeps, rc, objective, seeds));
+        }
+    }
+    for row in rows {
+        print(&row, arguments.iter().any(|a| a == "--json"));
+    }
+}
+
+fn print(row: &Row, json: bool) {
+    let fraction = row.at_optimum.map(|(met, of)| met as f64 / of as f64);
+    if json {
+        let fraction = fraction.map_or("null".to_owned(), |f| f.to_string());
+        println!("{{\"name\":\"{}\",\"seconds\":{:e},\"fraction_at_optimum\":{fraction}}}", row.name, row.seconds);
+    } else {
+        let at = row.at_optimum.map_or(String::new(), |(met, of)| format!("{met} of {of} at the optimum"));
+        println!("{:<52} {:>10.3} ms   {at}", row.name, row.seconds * 1e3);
+    }
+}
+
+/// One sweep of 20 points with 0.5 % noise per seed, 4 RC.
+fn simulated(objective: Objective, seeds: u64) -> Row {
+    let mut seconds = 0.0;
+    let mut met = 0;
+    for seed in 0..seeds {
+        let data = [noisy(seed)];
+        let options = |seed| FitOptions { rc: 4, objective, seed, ..FitOptions::default() };
+        let start = Instant::now();
+        let value = fit_erm(&data, &options(seed)).unwrap().objective;
+        seconds += start.elapsed().as_secs_f64();
+        let best = (0..8).map(|k| fit_erm(&data, &options(seeds + k)).unwrap().objective).fold(value, f64::min);
+        met += usize::from(value <= best * (1.0 + 1e-6));
+    }
+    let name = format!("global fit, 4 RC, 20 points, {objective}");
+    Row { name, seconds: seconds / seeds as f64, at_optimum: Some((met, seeds as usize)) }
+}
+
+/// All real sweeps, another seed of the search each time.
+fn pooled(sweeps: &[Spectrum], rc: usize, objective: Objective, seeds: u64) -> Row {
+    let start = Instant::now();
+    let values: Vec<f64> =
+        (0..seeds).map(|seed| fit_erm(sweeps, &FitOptions { rc, objective, seed, ..FitOptions::default() }).unwrap().objective).collect();
+    let seconds = start.elapsed().as_secs_f64() / seeds as f64;
+    let best = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let met = values.iter().filter(|v| **v <= best * (1.0 + 1e-6)).count();
+    Row { name: format!("global fit, {rc} RC, 25 real sweeps pooled, {objective}"), seconds, at_optimum: Some((met, seeds as usize)) }
+}
+
+fn noisy(seed: u64) -> Spectrum {
+    let mut rng = Rng::new(seed + 1_000_000);
+    let mut normal = move || (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos();
+    let point = |k: i32| {
+        let freq_hz = 0.1 * 3000f64.powf(f64::from(k) / 19.0);
+        let one = |(r, c): &(f64, f64)| *r / Complex64::new(1.0, std::f64::consts::TAU * freq_hz * r * c);
+        let z: Complex64 = CELL.1.iter().map(one).sum::<Complex64>() + CELL.0;
+        let sigma = 0.005 * z.norm();
+        let z_ohm = z + sigma * Complex64::new(normal(), normal());
+        ImpedancePoint { freq_hz, z_ohm, covariance: Covariance2::UNKNOWN, amplitude_a: 1.0 }
+    };
+    Spectrum { name: "simulated".into(), points: (0..20).map(point).collect() }
+}

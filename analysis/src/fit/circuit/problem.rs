@@ -1,0 +1,132 @@
+//! The objective of a circuit's fit as a function of its free variables: logarithms of the parameters, but exponents as they are.
+
+use super::data::{Data, Share};
+use crate::fit::local::Smooth;
+use crate::model::{Circuit, Role};
+use num_complex::Complex64;
+
+/// Step of a variable for the curvature of the model, of which only first derivatives are exact.
+const STEP: f64 = 1e-5;
+
+/// A circuit, data, and which parameters are free.
+#[derive(Debug, Clone)]
+pub(super) struct Problem<'a> {
+    pub(super) circuit: &'a Circuit,
+    pub(super) data: &'a Data,
+    /// All parameters; the entries of the free ones do not matter.
+    pub(super) base: Vec<f64>,
+    /// Indices of the free parameters.
+    pub(super) free: Vec<usize>,
+    /// Adds the model's own curvature to the Hessian: quadratic convergence at the end, also where residuals are large.
+    pub(super) exact: bool,
+    /// Corner of the smoothed norm; zero for the objective itself.
+    pub(super) corner: f64,
+}
+
+impl Problem<'_> {
+    fn is_log(&self, index: usize) -> bool {
+        is_log(self.circuit, index)
+    }
+
+    /// All parameters for the free variables.
+    pub(super) fn parameters(&self, x: &[f64]) -> Vec<f64> {
+        let mut p = self.base.clone();
+        for (i, x) in self.free.iter().zip(x) {
+            p[*i] = if self.is_log(*i) { x.exp() } else { *x };
+        }
+        p
+    }
+
+    /// The free variables of all parameters.
+    pub(super) fn variables(&self, p: &[f64]) -> Vec<f64> {
+        self.free.iter().map(|i| if self.is_log(*i) { p[*i].ln() } else { p[*i] }).collect()
+    }
+
+    /// ∂parameter/∂variable of the free parameters.
+    pub(super) fn stretch(&self, p: &[f64]) -> Vec<f64> {
+        self.free.iter().map(|i| if self.is_log(*i) { p[*i] } else { 1.0 }).collect()
+    }
+
+    /// Calls `f` with the number of each frequency, the model's impedance there and its derivatives with respect to the free variables.
+    pub(super) fn sweep(&self, x: &[f64], mut f: impl FnMut(usize, Complex64, &[Complex64])) {
+        let p = self.parameters(x);
+        let stretch = self.stretch(&p);
+        let mut all = vec![Complex64::ZERO; p.len()];
+        let mut slopes = vec![Complex64::ZERO; x.len()];
+        for (k, group) in self.data.groups.iter().enumerate() {
+            let z = self.circuit.jacobian(&p, group.freq_hz, &mut all);
+            for ((slope, i), stretch) in slopes.iter_mut().zip(&self.free).zip(&stretch) {
+                *slope = all[*i] * stretch;
+            }
+            f(k, z, &slopes);
+        }
+    }
+
+    /// Adds Σ gₖ·∂²zₖ, by central differences of the exact first derivatives with the gradients over z held.
+    fn add_model_curvature(&self, x: &[f64], pulls: &[[f64; 2]], hessian: &mut [f64]) {
+        let n = x.len();
+        let contracted = |x: &[f64]| {
+            let mut sum = vec![0.0; n];
+            self.sweep(x, |k, _, slopes| {
+                let [gx, gy] = pulls[k];
+                sum.iter_mut().zip(slopes).for_each(|(sum, s)| *sum += gx * s.re + gy * s.im);
+            });
+            sum
+        };
+        let mut moved = x.to_vec();
+        for i in 0..n {
+            moved[i] = x[i] + STEP;
+            let up = contracted(&moved);
+            moved[i] = x[i] - STEP;
+            let down = contracted(&moved);
+            moved[i] = x[i];
+            for j in 0..n {
+                let half = 0.5 * (up[j] - down[j]) / (2.0 * STEP);
+                hessian[i * n + j] += half;
+                hessian[j * n + i] += half;
+            }
+        }
+    }
+}
+
+/// True for a parameter whose variable is its logarithm.
+pub(super) fn is_log(circuit: &Circuit, index: usize) -> bool {
+    circuit.parameter_kinds()[index].role != Role::Exponent
+}
+
+impl Smooth for Problem<'_> {
+    fn value(&self, x: &[f64]) -> f64 {
+        let p = self.parameters(x);
+        self.data.groups.iter().map(|g| self.data.value(g, self.circuit.impedance(&p, g.freq_hz), self.corner)).sum()
+    }
+
+    fn expand(&self, x: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {
+        let n = x.len();
+        gradient.fill(0.0);
+        hessian.fill(0.0);
+        let mut value = 0.0;
+        let mut pulls = vec![[0.0; 2]; self.data.groups.len()];
+        self.sweep(x, |k, z, slopes| {
+            let share = self.data.share(&self.data.groups[k], z, (self.corner, self.exact));
+            let Share { value: v, gradient: [gx, gy], hessian: [xx, xy, yy] } = share;
+            value += v;
+            pulls[k] = [gx, gy];
+            for (i, s) in slopes.iter().enumerate() {
+                gradient[i] += gx * s.re + gy * s.im;
+                let (hx, hy) = (xx * s.re + xy * s.im, xy * s.re + yy * s.im);
+                for (j, t) in slopes[..=i].iter().enumerate() {
+                    hessian[i * n + j] += hx * t.re + hy * t.im;
+                }
+            }
+        });
+        for i in 0..n {
+            for j in 0..i {
+                hessian[j * n + i] = hessian[i * n + j];
+            }
+        }
+        if self.exact {
+            self.add_model_curvature(x, &pulls, hessian);
+        }
+        value
+    }
+}

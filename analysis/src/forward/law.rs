@@ -1,0 +1,126 @@
+//! What current flows at this instant: the algebraic half of the model (thesis equations 4.1–4.6 and section 4.2).
+//!
+//! Behind the series resistance R stands E = OCV − Σvₖ, which cannot jump. A current i leaves CCV = E − R·i. A power P = CCV·i has the root
+//! CCV = (E + √(E² − 4PR))/2, real up to P* = E²/4R. Beyond P₀ = f·P* the tangent CCV = V(P₀) + V′(P₀)(P − P₀) goes on to any P.
+//!
+//! *Difference to the thesis:* on the tangent it keeps i = P/CCV, which has a pole where the tangent crosses zero (for f = 0.95 at 1.5·P*) and a
+//! negative current after it. Here the current follows Kirchhoff's law, i = (E − CCV)/R. Up to P₀ both are the same, in value and first
+//! derivative; beyond it this one is linear in P, and what is then delivered, CCV·i, is at most P*, as in a real cell.
+
+use serde::{Deserialize, Serialize};
+
+/// What is prescribed over time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Demand {
+    /// Power out of the terminals, W, discharge positive.
+    Power,
+    /// Current out of the terminals, A, discharge positive.
+    Current,
+    /// Resistance across the terminals, Ω, above zero.
+    Resistance,
+}
+
+/// What is done about a power that cannot be had.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Beyond {
+    /// The simulation ends there.
+    Stop,
+    /// As much as there is, P* = E²/4R, is delivered.
+    Clamp,
+    /// The voltage follows its tangent at this fraction of P* (thesis 4.2.1).
+    Extrapolate {
+        /// P₀/P*, above 0 and below 1.
+        fraction: f64,
+    },
+}
+
+impl Beyond {
+    /// Where the tangent leaves the curve unless said otherwise, as a fraction of P*.
+    pub const FRACTION: f64 = 0.95;
+
+    /// True for a fraction within (0, 1).
+    pub fn is_valid(self) -> bool {
+        !matches!(self, Self::Extrapolate { fraction } if !(fraction > 0.0 && fraction < 1.0))
+    }
+}
+
+/// How a demand is answered: its kind, the policy and the series resistance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Drive {
+    /// Kind of the demand.
+    pub demand: Demand,
+    /// Policy beyond the power that can be had.
+    pub beyond: Beyond,
+    /// Series resistance R, Ω.
+    pub r_ohm: f64,
+}
+
+/// The current and its partial derivatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reply {
+    /// Current i, A.
+    pub current_a: f64,
+    /// ∂i/∂E, A/V.
+    pub d_e: f64,
+    /// ∂i/∂demand, A per unit of the demand.
+    pub d_demand: f64,
+    /// ∂i/∂R, A/Ω.
+    pub d_r: f64,
+    /// True where the demand is more than P* = E²/4R.
+    pub infeasible: bool,
+}
+
+impl Drive {
+    /// The largest power that can be had, W: P* = E²/4R.
+    pub fn available_w(&self, e_v: f64) -> f64 {
+        0.25 * e_v * e_v / self.r_ohm
+    }
+
+    /// The current at E (V, above zero) under a demand (W, A or Ω).
+    ///
+    /// With [`Beyond::Stop`] an infeasible demand is answered as with [`Beyond::Clamp`] and marked; the caller stops.
+    pub fn reply(&self, e_v: f64, demand: f64) -> Reply {
+        let r = self.r_ohm;
+        match self.demand {
+            Demand::Current => Reply { current_a: demand, d_e: 0.0, d_demand: 1.0, d_r: 0.0, infeasible: false },
+            Demand::Resistance => {
+                let conductance = 1.0 / (r + demand);
+                let current_a = e_v * conductance;
+                let slope = -current_a * conductance;
+                Reply { current_a, d_e: conductance, d_demand: slope, d_r: slope, infeasible: false }
+            }
+            Demand::Power => match self.beyond {
+                Beyond::Extrapolate { fraction } if demand > fraction * self.available_w(e_v) => self.tangent((e_v, demand), fraction),
+                _ => self.root(e_v, demand),
+            },
+        }
+    }
+
+    /// On the curve, or as much as there is.
+    fn root(&self, e: f64, p: f64) -> Reply {
+        let r = self.r_ohm;
+        let radicand = e * e - 4.0 * p * r;
+        if radicand < 0.0 {
+            let current_a = 0.5 * e / r;
+            return Reply { current_a, d_e: 0.5 / r, d_demand: 0.0, d_r: -current_a / r, infeasible: true };
+        }
+        let s = radicand.sqrt();
+        let current_a = 2.0 * p / (e + s);
+        Reply { current_a, d_e: -current_a / s, d_demand: 1.0 / s, d_r: current_a * current_a / s, infeasible: false }
+    }
+
+    /// On the tangent: with c = √(1 − f), i = (E − L(P))/R = P/(cE) − (1 − c)²·E/(4cR).
+    fn tangent(&self, (e, p): (f64, f64), fraction: f64) -> Reply {
+        let r = self.r_ohm;
+        let c = (1.0 - fraction).sqrt();
+        let w = (1.0 - c) * (1.0 - c) / (4.0 * c * r);
+        Reply {
+            current_a: p / (c * e) - w * e,
+            d_e: -p / (c * e * e) - w,
+            d_demand: 1.0 / (c * e),
+            d_r: w * e / r,
+            infeasible: p > self.available_w(e),
+        }
+    }
+}

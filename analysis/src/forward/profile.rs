@@ -1,0 +1,154 @@
+//! What is asked of a cell or a pack over time.
+
+mod read;
+
+use super::law::Demand;
+use serde::Serialize;
+use std::path::PathBuf;
+
+pub use read::ReadOptions;
+
+/// What happens between two rows of a profile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Interpolation {
+    /// A row holds until the next (zero-order hold, as in the thesis' steps). The last row only says when the profile ends.
+    Hold,
+    /// Straight from row to row.
+    Linear,
+}
+
+/// A demand over time, in steps of any size.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Profile {
+    /// Name for tables and plots.
+    pub name: String,
+    /// Kind of the values.
+    pub demand: Demand,
+    /// What happens between the rows.
+    pub interpolation: Interpolation,
+    /// Times, s, rising.
+    pub time_s: Vec<f64>,
+    /// Demand at these times, W, A (discharge positive) or Ω.
+    pub value: Vec<f64>,
+}
+
+/// Part of a profile between two times.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Piece {
+    /// Start, s.
+    pub(super) from_s: f64,
+    /// Duration, s.
+    pub(super) step_s: f64,
+    /// Demand at the start.
+    pub(super) from: f64,
+    /// Demand at the end, before a jump.
+    pub(super) to: f64,
+}
+
+/// Why a file or a list is no profile.
+#[derive(Debug, thiserror::Error)]
+pub enum ProfileError {
+    /// The file cannot be read.
+    #[error("{}: expected to read a profile: {source}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// The file system's answer.
+        source: std::io::Error,
+    },
+    /// A line that is not as expected.
+    #[error("{}, line {line}: expected {expected}, met {met}", file.display())]
+    Line {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What was expected.
+        expected: String,
+        /// What was met.
+        met: String,
+    },
+    /// Too little.
+    #[error("profile {name}: expected at least 2 rows of time and demand, met {met}")]
+    TooShort {
+        /// Name of the profile.
+        name: String,
+        /// Rows met.
+        met: usize,
+    },
+    /// A row that cannot be.
+    #[error("profile {name}, row {row} (counted from 1): expected {expected}, met {met}")]
+    Row {
+        /// Name of the profile.
+        name: String,
+        /// The row.
+        row: usize,
+        /// What was expected.
+        expected: &'static str,
+        /// What was met.
+        met: f64,
+    },
+}
+
+impl Profile {
+    /// A profile of rows.
+    ///
+    /// # Errors
+    /// [`ProfileError::TooShort`], or [`ProfileError::Row`] unless times rise, all is finite, and a load resistance is above zero.
+    pub fn new(name: &str, (demand, interpolation): (Demand, Interpolation), rows: &[(f64, f64)]) -> Result<Self, ProfileError> {
+        if rows.len() < 2 {
+            return Err(ProfileError::TooShort { name: name.to_owned(), met: rows.len() });
+        }
+        let fail = |k: usize, expected, met| Err(ProfileError::Row { name: name.to_owned(), row: k + 1, expected, met });
+        for (k, &(time, value)) in rows.iter().enumerate() {
+            if !time.is_finite() || (k > 0 && time <= rows[k - 1].0) {
+                return fail(k, "a time in s later than the row before", time);
+            }
+            if !value.is_finite() {
+                return fail(k, "a finite demand", value);
+            }
+            if demand == Demand::Resistance && value <= 0.0 {
+                return fail(k, "a load resistance above 0 Ω", value);
+            }
+        }
+        let (time_s, value) = rows.iter().copied().unzip();
+        Ok(Self { name: name.to_owned(), demand, interpolation, time_s, value })
+    }
+
+    /// A constant demand for a duration, s.
+    ///
+    /// # Errors
+    /// As [`Profile::new`].
+    pub fn constant(demand: Demand, value: f64, duration_s: f64) -> Result<Self, ProfileError> {
+        Self::new("constant", (demand, Interpolation::Hold), &[(0.0, value), (duration_s, value)])
+    }
+
+    /// The same profile with all demands times a factor.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self { value: self.value.iter().map(|v| v * factor).collect(), ..self.clone() }
+    }
+
+    /// From the first to the last row, s.
+    pub fn duration_s(&self) -> f64 {
+        match (self.time_s.first(), self.time_s.last()) {
+            (Some(first), Some(last)) => last - first,
+            _ => 0.0,
+        }
+    }
+
+    /// The pieces between the rows, none longer than `max_step_s`.
+    pub(super) fn pieces(&self, max_step_s: f64) -> impl Iterator<Item = Piece> + '_ {
+        (1..self.time_s.len()).flat_map(move |k| {
+            let (t0, t1, v0) = (self.time_s[k - 1], self.time_s[k], self.value[k - 1]);
+            let v1 = if self.interpolation == Interpolation::Linear { self.value[k] } else { v0 };
+            let parts = if t1 - t0 <= max_step_s { 1.0 } else { ((t1 - t0) / max_step_s * (1.0 - 1e-9)).ceil().max(1.0) };
+            let at = move |part: f64| v0 + (v1 - v0) * part / parts;
+            (0..parts as u64).map(move |part| {
+                let part = part as f64;
+                Piece { from_s: t0 + (t1 - t0) * part / parts, step_s: (t1 - t0) / parts, from: at(part), to: at(part + 1.0) }
+            })
+        })
+    }
+}

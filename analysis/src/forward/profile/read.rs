@@ -1,0 +1,151 @@
+//! Profiles from text: two columns, time and demand, with or without a header.
+//!
+//! Columns are separated by commas, semicolons, tabs or blanks. A header names what the columns are, with the unit behind an underscore, in brackets
+//! or behind a slash: `time_s,power_w`, `time [s] power [W]`, `Time / s, Current / A`. Lines that begin with `#` are comments.
+
+use super::{Interpolation, Profile, ProfileError};
+use crate::forward::law::Demand;
+use std::path::Path;
+
+/// What the file itself may not say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReadOptions {
+    /// Kind of the demand; none: as the header says, power without a header.
+    pub demand: Option<Demand>,
+    /// What happens between the rows.
+    pub interpolation: Interpolation,
+    /// The file counts charge as positive: power and current change their sign.
+    pub charge_positive: bool,
+}
+
+/// What a header says.
+struct Header {
+    time_factor: f64,
+    demand: Demand,
+    factor: f64,
+}
+
+impl Profile {
+    /// Reads a profile; its name is that of the file without the extension.
+    ///
+    /// # Errors
+    /// [`ProfileError`] with file and line.
+    pub fn read(path: &Path, options: &ReadOptions) -> Result<Self, ProfileError> {
+        let bytes = std::fs::read(path).map_err(|source| ProfileError::Io { file: path.to_owned(), source })?;
+        let text = String::from_utf8_lossy(&bytes);
+        let stem = path.file_stem().map_or_else(|| "profile".to_owned(), |s| s.to_string_lossy().into_owned());
+        Self::parse((path, &stem), text.trim_start_matches('\u{feff}'), options)
+    }
+
+    fn parse((path, name): (&Path, &str), text: &str, options: &ReadOptions) -> Result<Self, ProfileError> {
+        let bad = |line: usize, expected: &str, met: &str| ProfileError::Line {
+            file: path.to_owned(),
+            line,
+            expected: expected.to_owned(),
+            met: if met.is_empty() { "nothing".to_owned() } else { format!("{:?}", met.chars().take(80).collect::<String>()) },
+        };
+        let mut header = Header { time_factor: 1.0, demand: options.demand.unwrap_or(Demand::Power), factor: 1.0 };
+        let mut rows: Vec<(f64, f64)> = Vec::new();
+        let lines = text.lines().enumerate().map(|(k, l)| (k + 1, l.trim())).filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
+        for (index, (line, content)) in lines.enumerate() {
+            if index == 0 && !content.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c)) {
+                header = Header::of(content, options.demand).map_err(|expected| bad(line, &expected, content))?;
+                continue;
+            }
+            let fields = split(content);
+            let [time, value] = fields[..] else {
+                return Err(bad(line, "two columns, time and demand", content));
+            };
+            let number = |field: &str, what: &str| -> Result<f64, ProfileError> {
+                field.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| bad(line, what, field))
+            };
+            let time_s = number(time, "a finite time")? * header.time_factor;
+            let value = number(value, "a finite demand")? * header.factor;
+            if rows.last().is_some_and(|(before, _)| time_s <= *before) {
+                return Err(bad(line, "a time later than the row before", time));
+            }
+            if header.demand == Demand::Resistance && value <= 0.0 {
+                return Err(bad(line, "a load resistance above 0 Ω", fields[1]));
+            }
+            let sign = if options.charge_positive && header.demand != Demand::Resistance { -1.0 } else { 1.0 };
+            rows.push((time_s, sign * value));
+        }
+        Self::new(name, (header.demand, options.interpolation), &rows)
+    }
+}
+
+/// Fields of a line without quotes: by the first separator that it has, blanks last.
+fn split(line: &str) -> Vec<&str> {
+    let by = [',', ';', '\t'].into_iter().find(|c| line.contains(*c));
+    let fields: Vec<&str> = match by {
+        Some(by) => line.split(by).collect(),
+        None => line.split_whitespace().collect(),
+    };
+    let mut fields: Vec<&str> = fields.into_iter().map(|f| f.trim().trim_matches('"').trim()).collect();
+    while fields.len() > 2 && fields.last().is_some_and(|f| f.is_empty()) {
+        fields.pop();
+    }
+    fields
+}
+
+impl Header {
+    fn of(line: &str, wanted: Option<Demand>) -> Result<Self, String> {
+        let words = words(line);
+        let [time, value] = &words[..] else {
+            return Err("a header of two columns, time and power, current or resistance".to_owned());
+        };
+        let time_factor = match time.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+            ["time" | "t"] | [.., "time" | "t", "s" | "sec" | "seconds"] => 1.0,
+            [.., "time" | "t", "ms"] => 1e-3,
+            [.., "time" | "t", "min"] => 60.0,
+            [.., "time" | "t", "h"] => 3600.0,
+            _ => return Err("first a column of time in s, ms, min or h".to_owned()),
+        };
+        let (demand, factor) = kind(value).ok_or("second a column of power in W, current in A or resistance in Ω")?;
+        match wanted {
+            Some(wanted) if wanted != demand => Err(format!("a column of the kind asked for, {wanted:?}")),
+            _ => Ok(Self { time_factor, demand, factor }),
+        }
+    }
+}
+
+/// The names of the columns, each as its words in small letters.
+fn words(line: &str) -> Vec<Vec<String>> {
+    let parts = |field: &str| -> Vec<String> {
+        let lower = field.to_lowercase();
+        let cut = lower.split(|c: char| c.is_whitespace() || "_[]()/".contains(c));
+        cut.filter(|w| !w.is_empty()).map(str::to_owned).collect()
+    };
+    if line.contains([',', ';', '\t']) {
+        return split(line).into_iter().map(parts).collect();
+    }
+    // Blanks separate words and columns alike: the second column begins at its quantity.
+    let all = parts(line);
+    match all.iter().skip(1).position(|w| quantity(w).is_some()) {
+        Some(at) => vec![all[..=at].to_vec(), all[at + 1..].to_vec()],
+        None => vec![all],
+    }
+}
+
+fn quantity(word: &str) -> Option<Demand> {
+    match word {
+        "power" | "p" => Some(Demand::Power),
+        "current" | "i" | "discharge" => Some(Demand::Current),
+        "resistance" | "load" => Some(Demand::Resistance),
+        _ => None,
+    }
+}
+
+/// Kind of a column and its unit in W, A or Ω.
+fn kind(words: &[String]) -> Option<(Demand, f64)> {
+    let demand = words.iter().find_map(|w| quantity(w))?;
+    let unit = words.last().filter(|w| quantity(w).is_none()).map(String::as_str);
+    let factor = match (demand, unit) {
+        (_, None) | (Demand::Power, Some("w")) | (Demand::Current, Some("a")) => 1.0,
+        (Demand::Resistance, Some("ohm" | "ohms" | "ω" | "Ω")) => 1.0,
+        (Demand::Power, Some("kw")) => 1e3,
+        (Demand::Current, Some("ma")) | (Demand::Resistance, Some("mohm" | "mω")) => 1e-3,
+        _ => return None,
+    };
+    Some((demand, factor))
+}

@@ -1,0 +1,96 @@
+//! How much of a profile a cell or a pack bears: the largest factor of its demand that stays within the window.
+
+use super::batch::{BatchCell, BatchOptions, BatchOutcome, simulate_batch};
+use super::law::Beyond;
+use super::limits::CellWindow;
+use super::model::{ForwardError, SimModel, SimState};
+use super::profile::Profile;
+use serde::Serialize;
+
+/// Factors tried at once.
+const TRIED: usize = 16;
+/// Factors below this are taken to be unlimited.
+const LARGEST: f64 = 1e6;
+
+/// How the factor is sought.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScaleOptions {
+    /// Limits of a cell.
+    pub window: CellWindow,
+    /// Longest step, s.
+    pub max_step_s: f64,
+    /// Relative accuracy of the factor.
+    pub accuracy: f64,
+}
+
+impl ScaleOptions {
+    /// Steps of 0.1 ms, or 200 000 of them where that is less work; the factor to 10⁻⁶.
+    pub fn for_profile(profile: &Profile) -> Self {
+        Self { window: CellWindow::THESIS, max_step_s: (profile.duration_s() / 2e5).max(1e-4), accuracy: 1e-6 }
+    }
+}
+
+/// What ends the growth of a factor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ScaleBound {
+    /// A cell's voltage falls to the lower limit.
+    LowerVoltage,
+    /// A cell's voltage rises to the upper limit.
+    UpperVoltage,
+    /// There is no more power, whatever the voltage.
+    Power,
+    /// Nothing up to a factor of a million.
+    Nothing,
+}
+
+/// The largest factor and what bounds it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ScaleLimit {
+    /// Largest factor of the demand; 0 where the cell is outside the window at rest already.
+    pub factor: f64,
+    /// What bounds it.
+    pub bound: ScaleBound,
+}
+
+/// The largest factor of a power or current profile that keeps every cell within the window, all power to be had.
+///
+/// Takes it that what a factor does not keep, no larger one keeps.
+///
+/// # Errors
+/// As [`simulate_batch`].
+pub fn largest_scale(model: &SimModel, state: &SimState, profile: &Profile, options: &ScaleOptions) -> Result<ScaleLimit, ForwardError> {
+    let batch = BatchOptions { beyond: Beyond::Stop, max_step_s: options.max_step_s };
+    let judge = |factors: &[f64]| -> Result<Vec<Option<ScaleBound>>, ForwardError> {
+        let cells: Vec<BatchCell<'_>> = factors.iter().map(|&scale| BatchCell { model, state, scale }).collect();
+        Ok(simulate_batch(&cells, profile, &batch)?.iter().map(|outcome| broken(outcome, options.window)).collect())
+    };
+    let coarse: Vec<f64> = (0..TRIED).map(|k| LARGEST * 10f64.powf(0.8 * (k as f64 - (TRIED - 1) as f64))).collect();
+    let (mut kept, mut lost) = (0.0, (LARGEST, ScaleBound::Nothing));
+    let mut tried = coarse;
+    loop {
+        let verdicts = judge(&tried)?;
+        match verdicts.iter().position(Option::is_some) {
+            Some(first) => {
+                lost = (tried[first], verdicts[first].unwrap_or(ScaleBound::Nothing));
+                kept = if first > 0 { tried[first - 1] } else { kept };
+            }
+            None => kept = tried.last().copied().unwrap_or(kept),
+        }
+        if lost.1 == ScaleBound::Nothing || lost.0 - kept <= options.accuracy * lost.0 || lost.0 < 1e-9 {
+            let factor = if lost.0 < 1e-9 { 0.0 } else { kept };
+            return Ok(ScaleLimit { factor, bound: lost.1 });
+        }
+        tried = (1..=TRIED).map(|k| kept + (lost.0 - kept) * k as f64 / (TRIED + 1) as f64).collect();
+    }
+}
+
+fn broken(outcome: &BatchOutcome, window: CellWindow) -> Option<ScaleBound> {
+    if window.margin_high_v(outcome.max_cell_v) < 0.0 {
+        return Some(ScaleBound::UpperVoltage);
+    }
+    if outcome.infeasible_s.is_some() || outcome.collapsed {
+        return Some(ScaleBound::Power);
+    }
+    (window.margin_low_v(outcome.min_cell_v) < 0.0).then_some(ScaleBound::LowerVoltage)
+}

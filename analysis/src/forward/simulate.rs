@@ -1,0 +1,263 @@
+//! A profile run through a model, with an error bound, a trace and a summary.
+//!
+//! [`Method::Exact`] takes each piece of the profile in as many sub-steps as the tolerance wants: one step against two of half the length (Richardson),
+//! the better of which, improved by their difference, goes on. [`Method::Thesis`] is explicit Euler in the steps of the profile.
+
+use super::law::{Beyond, Demand, Drive};
+use super::limits::CellWindow;
+use super::model::{ForwardError, SimModel, SimState};
+use super::profile::{Piece, Profile};
+use super::step::{Coefficients, Ends, Mover};
+use super::trace::{Book, Point, Summary, Trace};
+use serde::{Deserialize, Serialize};
+
+/// Halvings of a piece at most.
+const DEEPEST: usize = 30;
+/// Relative error of a sub-step's mean current at most, before two halves improve it.
+const CURRENT_ACCURACY: f64 = 1e-5;
+/// How far the voltage in the middle of a sub-step may be off the straight line between its ends, V per cell in series.
+const BEND_V: f64 = 4e-6;
+/// Pieces of a profile at most: beyond it a trace would fill the memory.
+const MOST_PIECES: f64 = 1e8;
+
+/// How a step is made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// Exponential steps of second order with error control.
+    Exact,
+    /// The thesis' three steps: explicit Euler, one per piece.
+    Thesis,
+}
+
+/// How a simulation is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SimOptions {
+    /// Kind of step.
+    pub method: Method,
+    /// What is done about power that cannot be had.
+    pub beyond: Beyond,
+    /// Error of a sub-step at most, V per cell in series.
+    pub tolerance_v: f64,
+    /// Longest distance of two rows of the trace (and longest step of [`Method::Thesis`]), s; infinite for the rows of the profile.
+    pub max_step_s: f64,
+    /// Limits of a cell.
+    pub window: CellWindow,
+}
+
+impl Default for SimOptions {
+    fn default() -> Self {
+        Self { method: Method::Exact, beyond: Beyond::Stop, tolerance_v: 1e-8, max_step_s: f64::INFINITY, window: CellWindow::THESIS }
+    }
+}
+
+impl SimOptions {
+    pub(super) fn check(&self, profile: &Profile) -> Result<(), ForwardError> {
+        let bad = |what, expected, met| Err(ForwardError::Value { what, expected, met });
+        if let (false, Beyond::Extrapolate { fraction }) = (self.beyond.is_valid(), self.beyond) {
+            return bad("fraction of the available power", "a number above 0 and below 1", fraction);
+        }
+        if self.tolerance_v.is_nan() || self.tolerance_v <= 0.0 {
+            return bad("tolerance", "a number of volts above 0", self.tolerance_v);
+        }
+        if self.max_step_s.is_nan() || self.max_step_s <= 0.0 || profile.duration_s() / self.max_step_s > MOST_PIECES {
+            return bad("longest step", "a number of seconds above 0 that makes fewer than 1e8 steps", self.max_step_s);
+        }
+        Ok(())
+    }
+}
+
+/// All that a simulation delivers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Simulation {
+    /// Figures of the whole run.
+    pub summary: Summary,
+    /// The run over time.
+    pub trace: Trace,
+    /// The state at the end.
+    pub end: SimState,
+}
+
+/// Runs a profile through a model from a state.
+///
+/// # Errors
+/// [`ForwardError`] for a state of another model, options that cannot be, or a model driven beyond its meaning. Power that cannot be had is no
+/// error but a result.
+pub fn simulate(model: &SimModel, state: &SimState, profile: &Profile, options: &SimOptions) -> Result<Simulation, ForwardError> {
+    model.check(state)?;
+    options.check(profile)?;
+    let drive = Drive { demand: profile.demand, beyond: options.beyond, r_ohm: model.erm.r_ohm };
+    let mut run = Run {
+        mover: Mover::new(model, drive),
+        options,
+        state: state.clone(),
+        book: Book::new(model, options.window),
+        ladder: Ladder { step_s: f64::NAN, rungs: Vec::new() },
+        level: 0,
+    };
+    let mut last_demand = None;
+    for piece in profile.pieces(options.max_step_s) {
+        let start = run.look(piece.from_s, piece.from)?;
+        if last_demand != Some(piece.from) {
+            run.book.row(&start, &run.state);
+        }
+        last_demand = Some(piece.to);
+        let arrived = match options.method {
+            Method::Exact => run.piece(&piece, start)?,
+            Method::Thesis => run.euler(&piece, start)?,
+        };
+        let Some(end) = arrived else { break };
+        run.book.row(&end, &run.state);
+    }
+    let (summary, trace) = run.book.close(&run.state, profile.time_s.first().copied().unwrap_or(0.0));
+    Ok(Simulation { summary, trace, end: run.state })
+}
+
+/// Coefficients of a piece's length and its halvings.
+struct Ladder {
+    step_s: f64,
+    rungs: Vec<Coefficients>,
+}
+
+impl Ladder {
+    fn reach(&mut self, model: &SimModel, step_s: f64, level: usize) {
+        if self.step_s != step_s {
+            self.step_s = step_s;
+            self.rungs.clear();
+        }
+        while self.rungs.len() <= level {
+            let halved = step_s * 0.5f64.powi(self.rungs.len() as i32);
+            self.rungs.push(Coefficients::new(model, halved));
+        }
+    }
+}
+
+struct Run<'a> {
+    mover: Mover<'a>,
+    options: &'a SimOptions,
+    state: SimState,
+    book: Book<'a>,
+    ladder: Ladder,
+    level: usize,
+}
+
+/// What came of an attempt of one step and of two halves.
+struct Attempt {
+    middle: SimState,
+    end: SimState,
+    error_v: f64,
+    infeasible: bool,
+}
+
+impl Run<'_> {
+    /// All that can be seen at an instant, and noted.
+    fn look(&mut self, time_s: f64, demand: f64) -> Result<Point, ForwardError> {
+        let point = self.point((time_s, demand), &self.state)?;
+        self.book.see(&point);
+        Ok(point)
+    }
+
+    fn point(&self, (time_s, demand): (f64, f64), state: &SimState) -> Result<Point, ForwardError> {
+        let ocv_v = self.mover.model.ocv_v(state.soc).0;
+        let e_v = ocv_v - state.v_rc_v.iter().sum::<f64>();
+        let power = self.mover.drive.demand == Demand::Power;
+        if !e_v.is_finite() || (power && e_v <= 0.0) {
+            return Err(ForwardError::Collapsed { time_s, e_v });
+        }
+        let reply = self.mover.drive.reply(e_v, demand);
+        let (current_a, ccv_v) = (reply.current_a, e_v - self.mover.drive.r_ohm * reply.current_a);
+        let demand_w = if power { demand } else { ccv_v * current_a };
+        let available_w = self.mover.drive.available_w(e_v);
+        Ok(Point { time_s, demand_w, current_a, ccv_v, ocv_v, available_w, infeasible: reply.infeasible })
+    }
+
+    fn stops(&self, infeasible: bool) -> bool {
+        infeasible && self.options.beyond == Beyond::Stop
+    }
+
+    /// One piece by explicit Euler; none when the run stops in it.
+    fn euler(&mut self, piece: &Piece, start: Point) -> Result<Option<Point>, ForwardError> {
+        if self.stops(start.infeasible) {
+            return Ok(None);
+        }
+        let from = self.state.clone();
+        self.mover.euler(piece.step_s, (&from, &mut self.state), piece.from);
+        self.book.held(&start, piece.step_s, (&from, &self.state));
+        self.look(piece.from_s + piece.step_s, piece.to).map(|end| (!self.stops(end.infeasible)).then_some(end))
+    }
+
+    /// One piece with error control; none when the run stops in it.
+    fn piece(&mut self, piece: &Piece, start: Point) -> Result<Option<Point>, ForwardError> {
+        let tolerance_v = self.options.tolerance_v * f64::from(self.mover.model.pack.series);
+        let bend_v = BEND_V * f64::from(self.mover.model.pack.series);
+        let whole = 1u64 << DEEPEST;
+        let (mut done, mut before) = (0u64, start);
+        while done < whole {
+            if self.stops(before.infeasible) {
+                return Ok(None);
+            }
+            // A sub-step of a level begins at a multiple of its length.
+            while done % (whole >> self.level) != 0 {
+                self.level += 1;
+            }
+            let part = |done: u64| done as f64 / whole as f64;
+            let (t0, t1) = (part(done), part(done + (whole >> self.level)));
+            let attempt = self.attempt(piece, (t0, t1), tolerance_v)?;
+            let at = |part: f64| (piece.from_s + part * piece.step_s, piece.from + part * (piece.to - piece.from));
+            let mut good = attempt.error_v <= tolerance_v && !self.stops(attempt.infeasible);
+            let mut seen = None;
+            if good || self.level + 1 >= DEEPEST {
+                let (middle, after) = (self.point(at(0.5 * (t0 + t1)), &attempt.middle)?, self.point(at(t1), &attempt.end)?);
+                // Extremes are sought at ends and middles only: in between the voltage must be nearly straight.
+                good &= (middle.ccv_v - 0.5 * (before.ccv_v + after.ccv_v)).abs() <= bend_v;
+                seen = Some((middle, after));
+            }
+            let Some((middle, after)) = seen.filter(|_| good || self.level + 1 >= DEEPEST) else {
+                self.level += 1;
+                continue;
+            };
+            let from = std::mem::replace(&mut self.state, attempt.end);
+            self.book.see(&middle);
+            self.book.see(&after);
+            self.book.passed([&before, &middle, &after], [&from, &attempt.middle, &self.state]);
+            done += whole >> self.level;
+            let start_v = std::mem::replace(&mut before, after).ccv_v;
+            let straight = (middle.ccv_v - 0.5 * (start_v + after.ccv_v)).abs() < bend_v / 8.0;
+            if straight && attempt.error_v < tolerance_v / 16.0 && self.level > 0 && done.is_multiple_of(whole >> (self.level - 1)) {
+                self.level -= 1;
+            }
+        }
+        Ok((!self.stops(before.infeasible)).then_some(before))
+    }
+
+    fn attempt(&mut self, piece: &Piece, (t0, t1): (f64, f64), tolerance_v: f64) -> Result<Attempt, ForwardError> {
+        self.ladder.reach(self.mover.model, piece.step_s, self.level + 1);
+        let (long, short) = (&self.ladder.rungs[self.level], &self.ladder.rungs[self.level + 1]);
+        let demand = |part: f64| piece.from + part * (piece.to - piece.from);
+        let (d0, d1, d2) = (demand(t0), demand(0.5 * (t0 + t1)), demand(t1));
+        let (mut once, mut middle, mut end) = (self.state.clone(), self.state.clone(), self.state.clone());
+        let mover = &self.mover;
+        let ends = [
+            mover.step(long, (&self.state, &mut once), (d0, d2)),
+            mover.step(short, (&self.state, &mut middle), (d0, d1)),
+            mover.step(short, (&middle, &mut end), (d1, d2)),
+        ];
+        let infeasible = ends.iter().any(|e| e.start.infeasible || e.end.infeasible);
+        let ocv = |s: &SimState| mover.model.ocv_v(s.soc).0;
+        let apart: f64 = end.v_rc_v.iter().zip(&once.v_rc_v).map(|(a, b)| (a - b).abs()).sum();
+        let mean_a = |e: &Ends| 0.5 * (e.start.current_a + e.end.current_a);
+        let apart_a = (mean_a(&ends[0]) - 0.5 * (mean_a(&ends[1]) + mean_a(&ends[2]))).abs();
+        let largest_a = ends.iter().fold(1e-6, |a: f64, e| a.max(e.start.current_a.abs()).max(e.end.current_a.abs()));
+        // States may be insensitive to the current, energies are not: they want its mean as well.
+        let charge_v = apart_a / (CURRENT_ACCURACY * largest_a) * tolerance_v;
+        let error_v = (apart + (ocv(&end) - ocv(&once)).abs() + charge_v) / 3.0;
+        // Both are wrong in second order, one step four times as much as two halves: their difference takes it away.
+        for (better, rough) in end.v_rc_v.iter_mut().zip(&once.v_rc_v) {
+            *better += (*better - rough) / 3.0;
+        }
+        end.soc += (end.soc - once.soc) / 3.0;
+        let power = mover.drive.demand == Demand::Power;
+        let collapsed = ends.iter().any(|e| e.least_e_v.is_nan() || (power && e.least_e_v <= 0.0));
+        Ok(Attempt { middle, end, error_v: if collapsed { f64::INFINITY } else { error_v }, infeasible })
+    }
+}

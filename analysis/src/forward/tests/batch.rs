@@ -1,0 +1,94 @@
+use super::*;
+use proptest::prelude::*;
+
+fn erm(branches: usize, spread: f64) -> Erm {
+    let mut cell = thesis_cell();
+    cell.branches.truncate(branches);
+    while cell.branches.len() < branches {
+        cell.branches.push(RcBranch { r_ohm: 0.000_3, c_f: 50.0 * cell.branches.len() as f64 });
+    }
+    cell.r_ohm *= spread;
+    cell.branches.iter_mut().for_each(|b| b.r_ohm *= spread);
+    cell
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn every_lane_is_what_the_scalar_simulation_says(
+        cells in prop::collection::vec((0..=8usize, 0.8..1.2f64, 0.2..0.9f64, 0.2..1.0f64, any::<bool>()), 1..24),
+        values in prop::collection::vec(0.0..150.0f64, 4..20),
+        kind in 0..3usize,
+        tangent in any::<bool>(),
+    ) {
+        let demand = [Demand::Power, Demand::Current, Demand::Resistance][kind];
+        let offset = if kind == 2 { 0.02 } else { 0.0 };
+        let list: Vec<(f64, f64)> = values.iter().enumerate().map(|(k, v)| (0.01 * k as f64 + 0.001 * (k % 3) as f64, v * [1.0, 0.3, 0.001][kind] + offset)).collect();
+        let profile = rows(demand, Interpolation::Linear, &list);
+        let beyond = if tangent { Beyond::Extrapolate { fraction: 0.6 } } else { Beyond::Clamp };
+        let models: Vec<(SimModel, SimState)> = cells.iter().map(|(n, spread, soc, _, curved)| {
+            let ocv = if *curved { OcvSource::Curve(curve()) } else { OcvSource::Constant(3.7) };
+            let model = SimModel::pack(&erm(*n, *spread), ocv, Pack::new(2, 3, 0.004).unwrap()).unwrap();
+            let state = model.rest(*soc).unwrap();
+            (model, state)
+        }).collect();
+        let lanes: Vec<BatchCell<'_>> = models.iter().zip(&cells).map(|((model, state), c)| BatchCell { model, state, scale: 6.0 * c.3 }).collect();
+        let outcomes = simulate_batch(&lanes, &profile, &BatchOptions { beyond, max_step_s: 2e-5 }).unwrap();
+        for (lane, met) in lanes.iter().zip(&outcomes) {
+            let options = SimOptions { beyond, ..SimOptions::default() };
+            let run = simulate(lane.model, lane.state, &profile.scaled(lane.scale), &options).unwrap();
+            let s = &run.summary;
+            // Both find extremes at the ends of their own steps only, so a peak in between may differ by what it bends within a step.
+            prop_assert!((met.min_ccv_v - s.min_ccv_v).abs() < 3e-5, "{} against {}", met.min_ccv_v, s.min_ccv_v);
+            prop_assert!((2.5 + s.margin_low_v - met.min_cell_v).abs() < 3e-5 && (4.2 - s.margin_high_v - met.max_cell_v).abs() < 3e-5);
+            prop_assert!((met.charge_c - s.charge_c).abs() < 1e-5 * (1.0 + s.charge_c.abs()), "{} against {}", met.charge_c, s.charge_c);
+            prop_assert!((met.energy_j - s.energy_j).abs() < 1e-4 * (1.0 + s.energy_j.abs()), "{} against {}", met.energy_j, s.energy_j);
+            let last = met.end.v_rc_v.iter().zip(&run.end.v_rc_v).all(|(a, b)| (a - b).abs() < 1e-6);
+            prop_assert!(last && (met.end.soc - run.end.soc).abs() < 1e-8, "{:?} against {:?}", met.end, run.end);
+            prop_assert_eq!(met.infeasible_s.is_none(), s.feasible);
+        }
+    }
+}
+
+#[test]
+fn one_lane_or_many_give_the_same_bits_and_order_is_kept() {
+    let model = curved_cell();
+    let state = model.rest(0.31).unwrap();
+    let profile = rows(Demand::Power, Interpolation::Hold, &[(0.0, 40.0), (0.7, 90.0), (1.1, -30.0), (3.0, 0.0)]);
+    let options = BatchOptions { max_step_s: 1e-3, ..BatchOptions::default() };
+    let lanes: Vec<BatchCell<'_>> = (0..37).map(|k| BatchCell { model: &model, state: &state, scale: 0.5 + 0.02 * f64::from(k) }).collect();
+    let together = simulate_batch(&lanes, &profile, &options).unwrap();
+    for (lane, met) in lanes.iter().zip(&together) {
+        assert_eq!(simulate_batch(&[*lane], &profile, &options).unwrap()[0], *met);
+    }
+    assert!(together.windows(2).all(|w| w[1].min_ccv_v < w[0].min_ccv_v));
+}
+
+#[test]
+fn refuses_what_does_not_fit() {
+    let model = SimModel::cell(&erm(9, 1.0), OcvSource::Constant(3.7)).unwrap();
+    let state = model.rest(0.5).unwrap();
+    let profile = Profile::constant(Demand::Power, 10.0, 1.0).unwrap();
+    let run = |scale| simulate_batch(&[BatchCell { model: &model, state: &state, scale }], &profile, &BatchOptions::default());
+    assert_eq!(run(1.0).unwrap_err().to_string(), "batch: expected at most 8 RC branches, met 9");
+}
+
+#[test]
+fn the_largest_scale_of_a_resistance_is_known() {
+    // 3.6 V, 10 mΩ: 2.5 V are reached at 110 A and 275 W, 4.2 V at −60 A and −252 W.
+    let model = SimModel::cell(&Erm { r_ohm: 0.01, branches: vec![] }, OcvSource::Constant(3.6)).unwrap();
+    let rest = model.rest(0.5).unwrap();
+    let scale = |window: CellWindow, value: f64| {
+        let profile = Profile::constant(Demand::Power, value, 1.0).unwrap();
+        largest_scale(&model, &rest, &profile, &ScaleOptions { window, ..ScaleOptions::for_profile(&profile) }).unwrap()
+    };
+    let met = [scale(CellWindow::THESIS, 100.0), scale(CellWindow::THESIS, -100.0), scale(CellWindow { low_v: 1.0, high_v: 4.2 }, 100.0)];
+    for (limit, (factor, bound)) in
+        met.iter().zip([(2.75, ScaleBound::LowerVoltage), (2.52, ScaleBound::UpperVoltage), (3.24, ScaleBound::Power)])
+    {
+        assert!((limit.factor / factor - 1.0).abs() < 1e-5 && limit.bound == bound, "{limit:?}, expected {factor} by {bound:?}");
+    }
+    assert_eq!(scale(CellWindow::THESIS, 0.0).bound, ScaleBound::Nothing);
+    assert_eq!(scale(CellWindow { low_v: 3.7, high_v: 4.2 }, 100.0).factor, 0.0);
+}

@@ -1,0 +1,259 @@
+//! What a simulation leaves: its trace over time and the figures of the whole run.
+
+use super::limits::CellWindow;
+use super::model::{OcvSource, SimModel, SimState};
+use crate::dataset::{self, ColumnSpec, DatasetError};
+use serde::Serialize;
+use std::path::Path;
+
+/// A run over time, one entry of each list per row. Where the demand jumps, a time stands twice: before and after the jump.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Trace {
+    /// Time, s.
+    pub time_s: Vec<f64>,
+    /// Power asked for, W.
+    pub demand_w: Vec<f64>,
+    /// Power delivered at the terminals, W, discharge positive.
+    pub power_w: Vec<f64>,
+    /// Current, A, discharge positive.
+    pub current_a: Vec<f64>,
+    /// Voltage at the terminals, V.
+    pub ccv_v: Vec<f64>,
+    /// Mean voltage of a cell, V, without the interconnect.
+    pub cell_v: Vec<f64>,
+    /// Open-circuit voltage at the terminals, V.
+    pub ocv_v: Vec<f64>,
+    /// State of charge, 0…1; not a number for a constant OCV.
+    pub soc: Vec<f64>,
+    /// Voltages over the RC branches, V: one list per branch.
+    pub v_rc_v: Vec<Vec<f64>>,
+}
+
+/// A stretch of time in which more power was asked for than there is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Infeasible {
+    /// Since when, s.
+    pub time_s: f64,
+    /// Until when, s; equal where the simulation stopped.
+    pub until_s: f64,
+    /// Power asked for at its start, W.
+    pub power_w: f64,
+    /// Power that could be had there, W: E²/4R.
+    pub available_w: f64,
+}
+
+/// Figures of a whole run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Lowest voltage at the terminals, V.
+    pub min_ccv_v: f64,
+    /// When, s.
+    pub min_ccv_time_s: f64,
+    /// Highest voltage at the terminals, V.
+    pub max_ccv_v: f64,
+    /// When, s.
+    pub max_ccv_time_s: f64,
+    /// Lowest voltage of a cell above the lower limit, V; negative when below it. The interconnect's share is not the cell's.
+    pub margin_low_v: f64,
+    /// Highest voltage of a cell below the upper limit, V; negative when above it.
+    pub margin_high_v: f64,
+    /// Energy delivered at the terminals, J.
+    pub energy_j: f64,
+    /// Charge taken, C.
+    pub charge_c: f64,
+    /// Heat in the resistances, J: ∫i²R + Σ∫vₖ²/Rₖ, interconnect included.
+    pub heat_j: f64,
+    /// Work of the open-circuit voltage, J: ∫OCV·i.
+    pub chemical_j: f64,
+    /// More in the capacitances at the end than at the start, J.
+    pub stored_j: f64,
+    /// Highest power delivered, W.
+    pub peak_power_w: f64,
+    /// Highest discharge current, A.
+    pub peak_current_a: f64,
+    /// Lowest current, A: negative when the cell is charged.
+    pub lowest_current_a: f64,
+    /// True when all power asked for could be had. The window is judged by the margins.
+    pub feasible: bool,
+    /// Where it could not.
+    pub infeasible: Vec<Infeasible>,
+    /// Time of the last row of the trace less that of the first row of the profile, s.
+    pub simulated_s: f64,
+    /// Sub-steps made.
+    pub steps: u64,
+}
+
+/// An instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Point {
+    pub(super) time_s: f64,
+    pub(super) demand_w: f64,
+    pub(super) current_a: f64,
+    pub(super) ccv_v: f64,
+    pub(super) ocv_v: f64,
+    pub(super) available_w: f64,
+    pub(super) infeasible: bool,
+}
+
+/// Keeps the books of a run.
+pub(super) struct Book<'m> {
+    model: &'m SimModel,
+    window: CellWindow,
+    trace: Trace,
+    summary: Summary,
+    cell_v: (f64, f64),
+    first: Option<SimState>,
+    within: bool,
+}
+
+impl<'m> Book<'m> {
+    pub(super) fn new(model: &'m SimModel, window: CellWindow) -> Self {
+        let (inf, none) = (f64::INFINITY, f64::NEG_INFINITY);
+        let summary = Summary {
+            min_ccv_v: inf,
+            min_ccv_time_s: 0.0,
+            max_ccv_v: none,
+            max_ccv_time_s: 0.0,
+            margin_low_v: 0.0,
+            margin_high_v: 0.0,
+            energy_j: 0.0,
+            charge_c: 0.0,
+            heat_j: 0.0,
+            chemical_j: 0.0,
+            stored_j: 0.0,
+            peak_power_w: none,
+            peak_current_a: none,
+            lowest_current_a: inf,
+            feasible: true,
+            infeasible: Vec::new(),
+            simulated_s: 0.0,
+            steps: 0,
+        };
+        let trace = Trace { v_rc_v: vec![Vec::new(); model.erm.branches.len()], ..Trace::default() };
+        Self { model, window, trace, summary, cell_v: (inf, none), first: None, within: false }
+    }
+
+    /// Takes an instant into the extremes.
+    pub(super) fn see(&mut self, p: &Point) {
+        let s = &mut self.summary;
+        if p.ccv_v < s.min_ccv_v {
+            (s.min_ccv_v, s.min_ccv_time_s) = (p.ccv_v, p.time_s);
+        }
+        if p.ccv_v > s.max_ccv_v {
+            (s.max_ccv_v, s.max_ccv_time_s) = (p.ccv_v, p.time_s);
+        }
+        s.peak_power_w = s.peak_power_w.max(p.ccv_v * p.current_a);
+        s.peak_current_a = s.peak_current_a.max(p.current_a);
+        s.lowest_current_a = s.lowest_current_a.min(p.current_a);
+        let cell_v = self.model.cell_v(p.ccv_v, p.current_a);
+        self.cell_v = (self.cell_v.0.min(cell_v), self.cell_v.1.max(cell_v));
+        match (p.infeasible, self.within, s.infeasible.last_mut()) {
+            (true, true, Some(open)) => open.until_s = p.time_s,
+            (true, ..) => {
+                let (time_s, power_w, available_w) = (p.time_s, p.demand_w, p.available_w);
+                s.infeasible.push(Infeasible { time_s, until_s: time_s, power_w, available_w });
+            }
+            (false, true, Some(open)) => open.until_s = p.time_s,
+            _ => {}
+        }
+        self.within = p.infeasible;
+        s.feasible &= !p.infeasible;
+    }
+
+    /// Adds a row to the trace.
+    pub(super) fn row(&mut self, p: &Point, state: &SimState) {
+        if self.first.is_none() {
+            self.first = Some(state.clone());
+        }
+        let soc = if matches!(self.model.ocv, OcvSource::Constant(_)) { f64::NAN } else { state.soc };
+        let t = &mut self.trace;
+        let cell_v = self.model.cell_v(p.ccv_v, p.current_a);
+        let row = [p.time_s, p.demand_w, p.ccv_v * p.current_a, p.current_a, p.ccv_v, cell_v, p.ocv_v, soc];
+        let columns =
+            [&mut t.time_s, &mut t.demand_w, &mut t.power_w, &mut t.current_a, &mut t.ccv_v, &mut t.cell_v, &mut t.ocv_v, &mut t.soc];
+        columns.into_iter().zip(row).for_each(|(column, value)| column.push(value));
+        t.v_rc_v.iter_mut().zip(&state.v_rc_v).for_each(|(column, value)| column.push(*value));
+    }
+
+    /// Integrates over a sub-step from its start, middle and end (Simpson).
+    pub(super) fn passed(&mut self, points: [&Point; 3], states: [&SimState; 3]) {
+        let h = points[2].time_s - points[0].time_s;
+        let simpson = |f: &dyn Fn(&Point) -> f64| h / 6.0 * (f(points[0]) + 4.0 * f(points[1]) + f(points[2]));
+        let s = &mut self.summary;
+        s.energy_j += simpson(&|p| p.ccv_v * p.current_a);
+        s.charge_c += simpson(&|p| p.current_a);
+        s.chemical_j += simpson(&|p| p.ocv_v * p.current_a);
+        s.heat_j += simpson(&|p| p.current_a * p.current_a) * self.model.erm.r_ohm;
+        for (k, branch) in self.model.erm.branches.iter().enumerate() {
+            let v = states.map(|state| state.v_rc_v[k]);
+            let square_v2s = if h < 0.2 * branch.time_constant_s() {
+                h / 6.0 * (v[0] * v[0] + 4.0 * v[1] * v[1] + v[2] * v[2])
+            } else {
+                squared((branch.r_ohm, branch.time_constant_s()), v[0], (points[0].current_a, points[2].current_a), h)
+            };
+            s.heat_j += square_v2s / branch.r_ohm;
+        }
+        s.steps += 1;
+    }
+
+    /// Integrates over a step of explicit Euler, which holds what is at its start.
+    pub(super) fn held(&mut self, p: &Point, h: f64, (from, _): (&SimState, &SimState)) {
+        let s = &mut self.summary;
+        s.energy_j += h * p.ccv_v * p.current_a;
+        s.charge_c += h * p.current_a;
+        s.chemical_j += h * p.ocv_v * p.current_a;
+        let branches = self.model.erm.branches.iter().zip(&from.v_rc_v);
+        s.heat_j += h * (p.current_a * p.current_a * self.model.erm.r_ohm + branches.map(|(b, v)| v * v / b.r_ohm).sum::<f64>());
+        s.steps += 1;
+    }
+
+    /// The results, with the state at the end and the time at the start.
+    pub(super) fn close(mut self, end: &SimState, start_s: f64) -> (Summary, Trace) {
+        let stored =
+            |state: &SimState| -> f64 { self.model.erm.branches.iter().zip(&state.v_rc_v).map(|(b, v)| 0.5 * b.c_f * v * v).sum() };
+        self.summary.stored_j = stored(end) - self.first.as_ref().map_or(0.0, stored);
+        self.summary.margin_low_v = self.window.margin_low_v(self.cell_v.0);
+        self.summary.margin_high_v = self.window.margin_high_v(self.cell_v.1);
+        self.summary.simulated_s = self.trace.time_s.last().map_or(0.0, |t| t - start_s);
+        (self.summary, self.trace)
+    }
+}
+
+/// ∫v² over a step in which the current goes straight from i₀ to i₁, V²s: v = α·exp(−t/τ) + β + γt.
+fn squared((r, tau): (f64, f64), v0: f64, (i0, i1): (f64, f64), h: f64) -> f64 {
+    let gamma = r * (i1 - i0) / h;
+    let beta = r * i0 - gamma * tau;
+    let alpha = v0 - beta;
+    let a = (-h / tau).exp();
+    let fast = 0.5 * alpha * alpha * tau * (1.0 - a * a) + 2.0 * alpha * tau * (beta * (1.0 - a) + gamma * (tau - a * (tau + h)));
+    fast + h * (beta * beta + beta * gamma * h + gamma * gamma * h * h / 3.0)
+}
+
+/// Names of the branches' columns.
+const BRANCHES: [&str; 16] =
+    ["v1_v", "v2_v", "v3_v", "v4_v", "v5_v", "v6_v", "v7_v", "v8_v", "v9_v", "v10_v", "v11_v", "v12_v", "v13_v", "v14_v", "v15_v", "v16_v"];
+
+/// Writes a trace as Parquet: columns as in [`Trace`], the signed margins of a cell to a window, and the branches as `v1_v`, `v2_v`, … (at most 16).
+///
+/// # Errors
+/// [`DatasetError`] where the file cannot be written.
+pub fn write_trace_parquet(path: &Path, trace: &Trace, window: CellWindow) -> Result<(), DatasetError> {
+    let low: Vec<f64> = trace.cell_v.iter().map(|v| window.margin_low_v(*v)).collect();
+    let high: Vec<f64> = trace.cell_v.iter().map(|v| window.margin_high_v(*v)).collect();
+    let spec = |name, unit, doc| ColumnSpec { name, unit, doc };
+    let mut columns = vec![
+        (spec("time_s", "s", "time; stands twice where the demand jumps"), trace.time_s.as_slice()),
+        (spec("demand_w", "W", "power asked for, discharge positive"), &trace.demand_w),
+        (spec("power_w", "W", "power delivered at the terminals, discharge positive"), &trace.power_w),
+        (spec("current_a", "A", "current, discharge positive"), &trace.current_a),
+        (spec("ccv_v", "V", "voltage at the terminals"), &trace.ccv_v),
+        (spec("cell_v", "V", "mean voltage of a cell, without the interconnect"), &trace.cell_v),
+        (spec("margin_low_v", "V", "voltage of a cell above its lower limit, negative below it"), &low),
+        (spec("margin_high_v", "V", "voltage of a cell below its upper limit, negative above it"), &high),
+        (spec("ocv_v", "V", "open-circuit voltage at the terminals"), &trace.ocv_v),
+        (spec("soc", "1", "state of charge; NaN for a constant open-circuit voltage"), &trace.soc),
+    ];
+    let branches = trace.v_rc_v.iter().zip(BRANCHES);
+    columns.extend(branches.map(|(v, name)| (spec(name, "V", "voltage over an RC branch, positive after a discharge"), v.as_slice())));
+    dataset::write_columns_parquet(path, &columns)
+}

@@ -1,0 +1,228 @@
+//! The elements of a circuit: impedance and exact derivatives with respect to each parameter.
+//!
+//! Names, order of parameters and formulas are impedance.py's (`impedance/models/circuits/elements.py`, version 1.7), with s = jω:
+//!
+//! | element | parameters | impedance |
+//! |---|---|---|
+//! | `R` | R / Ω | R |
+//! | `C` | C / F | 1/(Cs) |
+//! | `L` | L / H | Ls |
+//! | `La` | L / Ω sᵅ, α | L·sᵅ |
+//! | `W` | A / Ω s^-½ | A(1 − j)/√ω |
+//! | `Wo` | Z₀ / Ω, τ / s | Z₀·coth(√(sτ))/√(sτ) |
+//! | `Ws` | Z₀ / Ω, τ / s | Z₀·tanh(√(sτ))/√(sτ) |
+//! | `CPE` | Q / Ω⁻¹ sᵅ, α | 1/(Q·sᵅ) |
+//! | `G` | R / Ω, t / s | R/√(1 + st) |
+//! | `Gs` | R / Ω, t / s, φ | R/(√(1 + st)·tanh(φ√(1 + st))) |
+//! | `K` | R / Ω, τ / s | R/(1 + sτ) |
+//! | `Zarc` | R / Ω, τ / s, γ | R/(1 + (sτ)ᵞ) |
+//!
+//! `La` is as impedance.py and BioLogic's application note 42 document it. impedance.py's code computes (L·s)ᵅ instead: its L is ours to the power
+//! of 1/α; with α = 1 they agree.
+
+use super::hyperbolic::{coth, csch_squared, tanh_over};
+use num_complex::Complex64;
+use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
+
+/// Most parameters of one element.
+pub(crate) const MAX_PARAMETERS: usize = 3;
+
+/// A kind of element.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ElementKind {
+    /// Resistor.
+    R,
+    /// Capacitor.
+    C,
+    /// Inductor.
+    L,
+    /// Lossy inductor.
+    La,
+    /// Semi-infinite Warburg diffusion.
+    W,
+    /// Finite diffusion with a blocking end (open).
+    Wo,
+    /// Finite diffusion with a permeable end (short).
+    Ws,
+    /// Constant phase element.
+    Cpe,
+    /// Gerischer element.
+    G,
+    /// Gerischer element of finite length.
+    Gs,
+    /// Resistor and capacitor in parallel, by their time constant.
+    K,
+    /// Resistor and constant phase element in parallel, by their time constant.
+    Zarc,
+}
+
+/// What a parameter does to an element's impedance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// The impedance is proportional to it.
+    Level,
+    /// The impedance is inversely proportional to it.
+    InverseLevel,
+    /// A time in seconds that scales the frequency.
+    Time,
+    /// An exponent of the frequency, 0…1.
+    Exponent,
+    /// A dimensionless length above zero.
+    Length,
+}
+
+/// One parameter of a kind of element.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ParameterKind {
+    /// Unit as text; empty for a pure number.
+    pub unit: &'static str,
+    /// What it does.
+    pub role: Role,
+    /// Physical range (lower, upper), far wider than any cell's.
+    pub bounds: (f64, f64),
+}
+
+const fn parameter(unit: &'static str, role: Role, bounds: (f64, f64)) -> ParameterKind {
+    ParameterKind { unit, role, bounds }
+}
+
+const OHM: ParameterKind = parameter("Ω", Role::Level, (1e-12, 1e12));
+const TIME: ParameterKind = parameter("s", Role::Time, (1e-15, 1e15));
+const EXPONENT: ParameterKind = parameter("", Role::Exponent, (0.05, 1.0));
+
+impl ElementKind {
+    /// Every kind, in the order of the table above.
+    pub const ALL: [Self; 12] =
+        [Self::R, Self::C, Self::L, Self::La, Self::W, Self::Wo, Self::Ws, Self::Cpe, Self::G, Self::Gs, Self::K, Self::Zarc];
+
+    /// Name in a circuit's string.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::R => "R",
+            Self::C => "C",
+            Self::L => "L",
+            Self::La => "La",
+            Self::W => "W",
+            Self::Wo => "Wo",
+            Self::Ws => "Ws",
+            Self::Cpe => "CPE",
+            Self::G => "G",
+            Self::Gs => "Gs",
+            Self::K => "K",
+            Self::Zarc => "Zarc",
+        }
+    }
+
+    /// Its parameters, in impedance.py's order.
+    pub fn parameters(self) -> &'static [ParameterKind] {
+        const LENGTH: ParameterKind = parameter("", Role::Length, (1e-4, 1e4));
+        match self {
+            Self::R => &[OHM],
+            Self::C => const { &[parameter("F", Role::InverseLevel, (1e-18, 1e12))] },
+            Self::L => const { &[parameter("H", Role::Level, (1e-18, 1e6))] },
+            Self::La => const { &[parameter("Ω s^α", Role::Level, (1e-18, 1e12)), EXPONENT] },
+            Self::W => const { &[parameter("Ω s^-1/2", Role::Level, (1e-12, 1e12))] },
+            Self::Cpe => const { &[parameter("Ω^-1 s^α", Role::InverseLevel, (1e-18, 1e12)), EXPONENT] },
+            Self::Wo | Self::Ws | Self::G | Self::K => const { &[OHM, TIME] },
+            Self::Gs => const { &[OHM, TIME, LENGTH] },
+            Self::Zarc => const { &[OHM, TIME, EXPONENT] },
+        }
+    }
+
+    /// Impedance in Ω at an angular frequency above zero in rad/s; writes its derivatives with respect to the parameters to `slopes`.
+    ///
+    /// Both slices hold as many entries as the kind has parameters, all parameters above zero.
+    pub(crate) fn expand(self, p: &[f64], omega: f64, slopes: &mut [Complex64]) -> Complex64 {
+        let s = Complex64::new(0.0, omega);
+        match (self, p) {
+            (Self::R, &[r]) => level(slopes, Complex64::ONE, r),
+            (Self::C, &[c]) => inverse_level(slopes, Complex64::new(0.0, -1.0 / (omega * c)), c),
+            (Self::L, &[l]) => level(slopes, s, l),
+            (Self::W, &[a]) => level(slopes, Complex64::new(1.0, -1.0) / omega.sqrt(), a),
+            (Self::La, &[l, alpha]) => {
+                let z = level(slopes, power(omega, alpha), l);
+                slopes[1] = z * logarithm(omega);
+                z
+            }
+            (Self::Cpe, &[q, alpha]) => {
+                let z = inverse_level(slopes, power(omega, -alpha) / q, q);
+                slopes[1] = -z * logarithm(omega);
+                z
+            }
+            _ => self.expand_with_time(p, omega, slopes),
+        }
+    }
+
+    /// As [`ElementKind::expand`], for the kinds that have a time constant.
+    fn expand_with_time(self, p: &[f64], omega: f64, slopes: &mut [Complex64]) -> Complex64 {
+        let s = Complex64::new(0.0, omega);
+        match (self, p) {
+            (Self::Wo, &[z0, tau]) => {
+                let q = root(omega * tau);
+                let quotient = coth(q) / q;
+                slopes[1] = (csch_squared(q) + quotient) * (-0.5 * z0 / tau);
+                level(slopes, quotient, z0)
+            }
+            (Self::Ws, &[z0, tau]) => {
+                let (quotient, slope) = tanh_over(root(omega * tau));
+                slopes[1] = slope * (0.5 * z0 / tau);
+                level(slopes, quotient, z0)
+            }
+            (Self::G, &[r, time]) => {
+                let b = (1.0 + s * time).sqrt();
+                slopes[1] = -0.5 * r * s / b / b / b;
+                level(slopes, b.inv(), r)
+            }
+            (Self::Gs, &[r, time, phi]) => {
+                let b = (1.0 + s * time).sqrt();
+                let (coth, csch) = (coth(phi * b), csch_squared(phi * b));
+                slopes[1] = -r * (phi * csch + coth / b) / b * (0.5 * s / b);
+                slopes[2] = -r * csch;
+                level(slopes, coth / b, r)
+            }
+            (Self::K, &[r, tau]) => {
+                let u = (1.0 + s * tau).inv();
+                slopes[1] = -r * (s * u) * u;
+                level(slopes, u, r)
+            }
+            (Self::Zarc, &[r, tau, gamma]) => {
+                let v = power(omega * tau, gamma);
+                let u = (1.0 + v).inv();
+                let vuu = v * u * u;
+                slopes[1] = vuu * (-r * gamma / tau);
+                slopes[2] = -r * vuu * logarithm(omega * tau);
+                level(slopes, u, r)
+            }
+            // A slice of another length cannot come from a circuit, which gives each element its own parameters.
+            _ => Complex64::new(f64::NAN, f64::NAN),
+        }
+    }
+}
+
+/// Z = p·shape with its derivative, the shape.
+fn level(slopes: &mut [Complex64], shape: Complex64, p: f64) -> Complex64 {
+    slopes[0] = shape;
+    p * shape
+}
+
+/// Z, inversely proportional to p, with its derivative −Z/p.
+fn inverse_level(slopes: &mut [Complex64], z: Complex64, p: f64) -> Complex64 {
+    slopes[0] = -z / p;
+    z
+}
+
+/// √(jx).
+fn root(x: f64) -> Complex64 {
+    let part = x.sqrt() * FRAC_1_SQRT_2;
+    Complex64::new(part, part)
+}
+
+/// (jx)^exponent.
+fn power(x: f64, exponent: f64) -> Complex64 {
+    Complex64::from_polar(x.powf(exponent), FRAC_PI_2 * exponent)
+}
+
+/// ln(jx).
+fn logarithm(x: f64) -> Complex64 {
+    Complex64::new(x.ln(), FRAC_PI_2)
+}

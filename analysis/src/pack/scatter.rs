@@ -1,0 +1,409 @@
+//! A pack of cells that scatter, under a profile, many times over: which cell is worst, and how often the pack leaves its window.
+//!
+//! Resistances, capacitances and capacities are drawn per cell, the state of charge per group: cells in parallel rest at one voltage, hence at one
+//! state of charge. Factors are log-normal, so that none is negative. Equal seeds give equal draws on any number of cores.
+
+use super::network::{Cell, Network, Wiring};
+use super::{Pack, PackError, ThermalMass};
+use crate::fit::Rng;
+use crate::forward::{CellWindow, Demand, Interpolation, OcvSource, Profile};
+use crate::model::Erm;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Steps of one draw at most.
+const MOST_STEPS: f64 = 1e7;
+/// Instants kept for the bands.
+const BAND_ROWS: usize = 300;
+
+/// How much cells differ, one standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// All resistances of a cell together, relative.
+    pub r: f64,
+    /// Each branch resistance by itself, on top, relative.
+    pub rk: f64,
+    /// Each branch capacitance by itself, relative.
+    pub ck: f64,
+    /// Capacity of a cell, relative; without effect for a constant OCV.
+    pub capacity: f64,
+    /// State of charge of a group, absolute; without effect for a constant OCV.
+    pub soc: f64,
+}
+
+impl Spread {
+    /// No spread: identical cells.
+    pub const NONE: Self = Self { r: 0.0, rk: 0.0, ck: 0.0, capacity: 0.0, soc: 0.0 };
+
+    fn check(&self) -> Result<(), PackError> {
+        let fields = [("R", self.r), ("branch R", self.rk), ("branch C", self.ck), ("capacity", self.capacity), ("SOC", self.soc)];
+        match fields.into_iter().find(|(_, sigma)| !(0.0..=0.5).contains(sigma)) {
+            Some((_, met)) => Err(PackError::Value { what: "spread between cells", expected: "a standard deviation from 0 to 0.5", met }),
+            None => Ok(()),
+        }
+    }
+
+    fn draw(&self, setup: &ScatterSetup<'_>, rng: &mut Rng) -> Vec<Cell> {
+        let mut cells = Vec::new();
+        for _ in 0..setup.pack.series {
+            let soc = setup.soc + self.soc * normal(rng);
+            for _ in 0..setup.pack.parallel {
+                let mut factor = |sigma: f64| (sigma * normal(rng)).exp();
+                let (all, capacity_ratio) = (factor(self.r), factor(self.capacity));
+                let mut erm = setup.cell.clone();
+                erm.r_ohm *= all;
+                for branch in &mut erm.branches {
+                    branch.r_ohm *= all * factor(self.rk);
+                    branch.c_f *= factor(self.ck);
+                }
+                cells.push(Cell { erm, capacity_ratio, soc });
+            }
+        }
+        cells
+    }
+}
+
+/// What is simulated.
+#[derive(Debug, Clone, Copy)]
+pub struct ScatterSetup<'a> {
+    /// The mean cell.
+    pub cell: &'a Erm,
+    /// Open-circuit voltage of a cell.
+    pub ocv: &'a OcvSource,
+    /// Size and interconnect.
+    pub pack: Pack,
+    /// Resistance between each cell and the busbar of its group, Ω.
+    pub tab_ohm: f64,
+    /// State of charge at the start, at rest; without meaning for a constant OCV.
+    pub soc: f64,
+    /// Power or current at the pack's terminals, discharge positive.
+    pub profile: &'a Profile,
+    /// Limits of a cell.
+    pub window: CellWindow,
+    /// For the temperature rise.
+    pub thermal: ThermalMass,
+    /// Longest step, s.
+    pub max_step_s: f64,
+}
+
+/// How often and from what seed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Draws {
+    /// Number of packs.
+    pub draws: usize,
+    /// Seed of all of them.
+    pub seed: u64,
+}
+
+/// What happened to one pack.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Lowest voltage of any cell, V.
+    pub min_cell_v: f64,
+    /// When, s.
+    pub min_cell_time_s: f64,
+    /// Its group, from 1.
+    pub min_cell_group: usize,
+    /// Highest voltage of any cell, V.
+    pub max_cell_v: f64,
+    /// Lowest voltage of the pack, V.
+    pub min_ccv_v: f64,
+    /// Lowest voltage above the lower limit, V; negative below it.
+    pub margin_low_v: f64,
+    /// Highest voltage below the upper limit, V; negative above it.
+    pub margin_high_v: f64,
+    /// Largest current of any cell, A, without sign.
+    pub largest_cell_a: f64,
+    /// Largest current of any cell over the largest mean current of the cells; 1 for identical cells.
+    pub largest_share: f64,
+    /// Difference of the highest and the lowest state of charge at the end; none for a constant OCV.
+    pub soc_spread_end: Option<f64>,
+    /// Joule heat in the hottest cell, J.
+    pub hottest_heat_j: f64,
+    /// Its temperature rise if no heat leaves it, K.
+    pub hottest_rise_k: f64,
+    /// Energy delivered at the terminals, J.
+    pub energy_j: f64,
+    /// Whether all power asked for could be had.
+    pub feasible: bool,
+}
+
+impl Outcome {
+    /// Whether every cell stayed within the window and all power could be had.
+    pub fn within(&self) -> bool {
+        self.feasible && self.margin_low_v >= 0.0 && self.margin_high_v >= 0.0
+    }
+}
+
+/// Percentiles of a figure over the draws.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Percentiles {
+    /// 1 % of the draws lie below.
+    pub p1: f64,
+    /// 5 %.
+    pub p5: f64,
+    /// Half.
+    pub p50: f64,
+    /// 95 %.
+    pub p95: f64,
+    /// 99 %.
+    pub p99: f64,
+}
+
+impl Percentiles {
+    /// Percentiles by linear interpolation between the order statistics; not a number for no values.
+    pub fn of(values: impl Iterator<Item = f64>) -> Self {
+        let mut sorted: Vec<f64> = values.collect();
+        sorted.sort_by(f64::total_cmp);
+        let at = |p: f64| {
+            let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
+            let place = p * last as f64;
+            let (low, high) = (place.floor() as usize, (place.ceil() as usize).min(last));
+            sorted[low] + (place - place.floor()) * (sorted[high] - sorted[low])
+        };
+        Self { p1: at(0.01), p5: at(0.05), p50: at(0.5), p95: at(0.95), p99: at(0.99) }
+    }
+}
+
+/// An instant of all draws.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BandRow {
+    /// Time, s.
+    pub time_s: f64,
+    /// Demand, W or A.
+    pub demand: f64,
+    /// Voltage of the cells of the pack of identical cells, V.
+    pub identical_v: f64,
+    /// Of each draw's lowest cell, V.
+    pub lowest_v: Percentiles,
+    /// Of each draw's highest cell, V.
+    pub highest_v: Percentiles,
+}
+
+/// All draws.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scatter {
+    /// The pack of identical cells.
+    pub identical: Outcome,
+    /// One per draw.
+    pub outcomes: Vec<Outcome>,
+    /// Over time.
+    pub bands: Vec<BandRow>,
+    /// How much the lowest cell voltage of the identical pack changes with half the step, V.
+    pub step_error_v: f64,
+}
+
+impl Scatter {
+    /// Share of the draws that leave the window or cannot deliver, and its 95 % interval (Wilson).
+    pub fn leaving(&self) -> (f64, [f64; 2]) {
+        let n = self.outcomes.len() as f64;
+        let p = self.outcomes.iter().filter(|o| !o.within()).count() as f64 / n;
+        let z2 = 1.959_964_f64.powi(2);
+        let (centre, half) = (p + 0.5 * z2 / n, (z2 * (p * (1.0 - p) / n + 0.25 * z2 / (n * n))).sqrt());
+        (p, [(centre - half).max(0.0) / (1.0 + z2 / n), (centre + half) / (1.0 + z2 / n)])
+    }
+}
+
+/// Draws packs and runs the profile through each.
+///
+/// # Errors
+/// [`PackError`] for a pack, a cell, a spread or numbers that cannot be.
+pub fn scatter(setup: &ScatterSetup<'_>, spread: &Spread, draws: Draws) -> Result<Scatter, PackError> {
+    check(setup)?;
+    spread.check()?;
+    if draws.draws == 0 {
+        return Err(PackError::Value { what: "number of draws", expected: "at least 1", met: 0.0 });
+    }
+    let pieces = pieces(setup.profile, setup.max_step_s);
+    let mut rng = Rng::new(draws.seed);
+    let (identical, line) = run(setup, &Spread::NONE.draw(setup, &mut rng.clone()), &pieces);
+    let halved = self::pieces(setup.profile, 0.5 * pieces.iter().fold(0.0, |longest, p| p.step_s.max(longest)));
+    let (finer, _) = run(setup, &Spread::NONE.draw(setup, &mut rng.clone()), &halved);
+    let seeds: Vec<u64> = (0..draws.draws).map(|_| rng.next_u64()).collect();
+    let runs: Vec<(Outcome, Vec<Instant>)> =
+        seeds.par_iter().map(|&seed| run(setup, &spread.draw(setup, &mut Rng::new(seed)), &pieces)).collect();
+    let bands = line.iter().enumerate().map(|(k, instant)| {
+        // A draw that broke down early has no later instants.
+        let all = |which: fn(&Instant) -> f64| Percentiles::of(runs.iter().filter_map(|r| r.1.get(k)).map(which));
+        BandRow {
+            time_s: instant.time_s,
+            demand: instant.demand,
+            identical_v: instant.lowest_v,
+            lowest_v: all(|i| i.lowest_v),
+            highest_v: all(|i| i.highest_v),
+        }
+    });
+    let bands = bands.filter(|row| row.lowest_v.p50.is_finite()).collect();
+    let step_error_v = (identical.min_cell_v - finer.min_cell_v).abs();
+    Ok(Scatter { identical, bands, step_error_v, outcomes: runs.into_iter().map(|r| r.0).collect() })
+}
+
+fn check(setup: &ScatterSetup<'_>) -> Result<(), PackError> {
+    setup.pack.check()?;
+    setup.cell.validate()?;
+    setup.thermal.check()?;
+    super::check_window((setup.window.low_v, setup.window.high_v))?;
+    let fail = |what, expected, met| Err(PackError::Value { what, expected, met });
+    if !(setup.tab_ohm.is_finite() && setup.tab_ohm >= 0.0) {
+        return fail("resistance of a cell's tab", "zero or more in Ω", setup.tab_ohm);
+    }
+    if !(0.0..=1.0).contains(&setup.soc) {
+        return fail("state of charge", "a fraction from 0 to 1", setup.soc);
+    }
+    let steps = setup.profile.duration_s() / setup.max_step_s;
+    if setup.max_step_s.is_nan() || setup.max_step_s <= 0.0 || steps > MOST_STEPS {
+        return fail("longest step", "seconds above 0 that make fewer than 1e7 steps", setup.max_step_s);
+    }
+    Ok(())
+}
+
+/// Part of a profile.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    end_s: f64,
+    step_s: f64,
+    from: f64,
+    to: f64,
+}
+
+fn pieces(profile: &Profile, max_step_s: f64) -> Vec<Piece> {
+    let mut pieces = Vec::new();
+    for (times, values) in profile.time_s.windows(2).zip(profile.value.windows(2)) {
+        let last = if profile.interpolation == Interpolation::Linear { values[1] } else { values[0] };
+        let whole = times[1] - times[0];
+        let parts = (whole / max_step_s * (1.0 - 1e-9)).ceil().max(1.0);
+        let at = |part: f64| values[0] + (last - values[0]) * part / parts;
+        for part in 0..parts as usize {
+            let part = part as f64;
+            let end_s = times[0] + whole * (part + 1.0) / parts;
+            pieces.push(Piece { end_s, step_s: whole / parts, from: at(part), to: at(part + 1.0) });
+        }
+    }
+    pieces
+}
+
+/// Extremes over the cells at an instant.
+#[derive(Debug, Clone, Copy)]
+struct Instant {
+    time_s: f64,
+    demand: f64,
+    lowest_v: f64,
+    highest_v: f64,
+}
+
+/// What is kept of a run.
+struct Watch {
+    outcome: Outcome,
+    largest_mean_a: f64,
+    parallel: usize,
+}
+
+impl Watch {
+    fn new(parallel: usize) -> Self {
+        let (most, least) = (f64::INFINITY, f64::NEG_INFINITY);
+        let outcome = Outcome {
+            min_cell_v: most,
+            min_cell_time_s: 0.0,
+            min_cell_group: 0,
+            max_cell_v: least,
+            min_ccv_v: most,
+            margin_low_v: 0.0,
+            margin_high_v: 0.0,
+            largest_cell_a: 0.0,
+            largest_share: 1.0,
+            soc_spread_end: None,
+            hottest_heat_j: 0.0,
+            hottest_rise_k: 0.0,
+            energy_j: 0.0,
+            feasible: true,
+        };
+        Self { outcome, largest_mean_a: 0.0, parallel }
+    }
+
+    fn see(&mut self, time_s: f64, network: &Network<'_>) -> (f64, f64) {
+        let now = &network.now;
+        let o = &mut self.outcome;
+        let (mut lowest, mut highest, mut place) = (f64::INFINITY, f64::NEG_INFINITY, 0);
+        for (k, &v) in now.cell_v.iter().enumerate() {
+            if v < lowest {
+                (lowest, place) = (v, k);
+            }
+            highest = highest.max(v);
+        }
+        if lowest < o.min_cell_v {
+            (o.min_cell_v, o.min_cell_time_s, o.min_cell_group) = (lowest, time_s, place / self.parallel + 1);
+        }
+        o.max_cell_v = o.max_cell_v.max(highest);
+        o.min_ccv_v = o.min_ccv_v.min(now.ccv_v);
+        o.feasible &= !now.infeasible;
+        o.largest_cell_a = now.cell_a.iter().fold(o.largest_cell_a, |most, i| most.max(i.abs()));
+        self.largest_mean_a = self.largest_mean_a.max(now.current_a.abs() / self.parallel as f64);
+        (lowest, highest)
+    }
+
+    fn close(mut self, setup: &ScatterSetup<'_>, heat_j: &[f64], soc: &[f64]) -> Outcome {
+        let o = &mut self.outcome;
+        (o.margin_low_v, o.margin_high_v) = (setup.window.margin_low_v(o.min_cell_v), setup.window.margin_high_v(o.max_cell_v));
+        if self.largest_mean_a > 0.0 {
+            o.largest_share = o.largest_cell_a / self.largest_mean_a;
+        }
+        o.hottest_heat_j = heat_j.iter().copied().fold(0.0, f64::max);
+        o.hottest_rise_k = setup.thermal.rise_k(o.hottest_heat_j);
+        if matches!(setup.ocv, OcvSource::Curve(_)) {
+            let (low, high) = soc.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(*z), h.max(*z)));
+            o.soc_spread_end = Some(high - low);
+        }
+        self.outcome
+    }
+}
+
+fn run(setup: &ScatterSetup<'_>, cells: &[Cell], pieces: &[Piece]) -> (Outcome, Vec<Instant>) {
+    let parallel = setup.pack.parallel as usize;
+    let wiring = Wiring { parallel, tab_ohm: setup.tab_ohm, interconnect_ohm: setup.pack.interconnect_ohm };
+    let mut network = Network::new(cells, setup.ocv, wiring);
+    let mut watch = Watch::new(parallel);
+    let mut heat_j = vec![0.0; cells.len()];
+    let mut heat_before = heat_j.clone();
+    let mut instants = Vec::new();
+    let stride = pieces.len().div_ceil(BAND_ROWS).max(1);
+    let kind: Demand = setup.profile.demand;
+    let mut demand = f64::NAN;
+    for (index, piece) in pieces.iter().enumerate() {
+        if piece.from != demand {
+            if !network.look((kind, piece.from)) {
+                watch.outcome.feasible = false;
+                break;
+            }
+            let (lowest_v, highest_v) = watch.see(piece.end_s - piece.step_s, &network);
+            if index == 0 {
+                instants.push(Instant { time_s: piece.end_s - piece.step_s, demand: piece.from, lowest_v, highest_v });
+            }
+        }
+        heat_before.copy_from_slice(&network.now.heat_w);
+        let power = network.now.current_a * network.now.ccv_v;
+        if !network.advance(piece.step_s, (kind, piece.to)) {
+            watch.outcome.feasible = false;
+            break;
+        }
+        demand = piece.to;
+        for ((sum, old), new) in heat_j.iter_mut().zip(&heat_before).zip(&network.now.heat_w) {
+            *sum += 0.5 * piece.step_s * (old + new);
+        }
+        watch.outcome.energy_j += 0.5 * piece.step_s * (power + network.now.current_a * network.now.ccv_v);
+        let (lowest_v, highest_v) = watch.see(piece.end_s, &network);
+        if (index + 1) % stride == 0 || index + 1 == pieces.len() {
+            instants.push(Instant { time_s: piece.end_s, demand: piece.to, lowest_v, highest_v });
+        }
+    }
+    let outcome = watch.close(setup, &heat_j, &network.soc);
+    (outcome, instants)
+}
+
+/// A number of the standard normal distribution (Box and Muller).
+fn normal(rng: &mut Rng) -> f64 {
+    let radius = (-2.0 * (1.0 - rng.uniform()).ln()).sqrt();
+    radius * (std::f64::consts::TAU * rng.uniform()).cos()
+}
+
+#[cfg(test)]
+mod tests;

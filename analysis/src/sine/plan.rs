@@ -1,0 +1,83 @@
+//! Which columns a record can carry: those of the options, less what the record cannot tell apart.
+
+use super::{Drift, FitOptions, LeftOut, Note, ToneKind};
+
+/// Periods that a record must have for a parabola to be told from a slow sinusoid.
+const MIN_PERIODS_QUADRATIC: f64 = 2.0;
+
+/// What is fitted besides the fundamental.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Plan {
+    /// Degree of the drift.
+    pub(super) degree: usize,
+    /// Orders of the harmonics.
+    pub(super) harmonics: Vec<u32>,
+    /// Frequencies of the others, Hz.
+    pub(super) others_hz: Vec<f64>,
+    /// What was left out.
+    pub(super) notes: Vec<Note>,
+}
+
+impl Plan {
+    /// What `options` ask for as far as a record of `samples` can carry it besides a sinusoid of `freq_hz`.
+    pub(super) fn new(options: &FitOptions, freq_hz: f64, (samples, interval_s): (usize, f64)) -> Self {
+        let duration_s = samples as f64 * interval_s;
+        let mut plan = Self { degree: options.drift.degree(), harmonics: Vec::new(), others_hz: Vec::new(), notes: Vec::new() };
+        if options.drift == Drift::Quadratic && freq_hz * duration_s < MIN_PERIODS_QUADRATIC {
+            plan.degree = 1;
+            plan.notes.push(Note::DriftLeftOut { periods: freq_hz * duration_s, needed: MIN_PERIODS_QUADRATIC });
+        }
+        let harmonics = options.harmonics.iter().map(|order| ToneKind::Harmonic(*order));
+        let others = options.also_hz.iter().map(|_| ToneKind::Other);
+        let freqs = options.harmonics.iter().map(|order| f64::from(*order) * freq_hz).chain(options.also_hz.iter().copied());
+        let mut taken = vec![freq_hz];
+        for (kind, extra_hz) in harmonics.chain(others).zip(freqs) {
+            match refusal(extra_hz, &taken, (1.0 / duration_s, 0.5 / interval_s)) {
+                Some(why) => plan.notes.push(Note::LeftOut { kind, freq_hz: extra_hz, why }),
+                None => {
+                    taken.push(extra_hz);
+                    match kind {
+                        ToneKind::Harmonic(order) => plan.harmonics.push(order),
+                        ToneKind::Other => plan.others_hz.push(extra_hz),
+                    }
+                }
+            }
+        }
+        plan
+    }
+
+    /// The least that can be fitted: the sinusoid, its offset and at most a linear drift. Says what it leaves out; none if it already is that.
+    pub(super) fn reduced(&self, freq_hz: f64, channel: usize) -> Option<Self> {
+        let degree = self.degree.min(1);
+        let mut notes = self.notes.clone();
+        if degree < self.degree {
+            notes.push(Note::DriftUndetermined { channel });
+        }
+        let why = LeftOut::Undetermined { channel };
+        notes.extend(self.tones(freq_hz).into_iter().map(|(kind, freq_hz)| Note::LeftOut { kind, freq_hz, why }));
+        (notes.len() > self.notes.len()).then_some(Self { degree, harmonics: Vec::new(), others_hz: Vec::new(), notes })
+    }
+
+    /// The tones besides the fundamental, for a frequency of it.
+    pub(super) fn tones(&self, freq_hz: f64) -> Vec<(ToneKind, f64)> {
+        let harmonics = self.harmonics.iter().map(|order| (ToneKind::Harmonic(*order), f64::from(*order) * freq_hz));
+        harmonics.chain(self.others_hz.iter().map(|freq_hz| (ToneKind::Other, *freq_hz))).collect()
+    }
+}
+
+/// Why a tone cannot be fitted besides those already taken: two tones, a tone and the drift, or a tone and its image beyond half the sampling rate
+/// must differ by one period over the record.
+fn refusal(freq_hz: f64, taken: &[f64], (resolution_hz, nyquist_hz): (f64, f64)) -> Option<LeftOut> {
+    if !(freq_hz.is_finite() && freq_hz > 0.0) {
+        return Some(LeftOut::NoFrequency);
+    }
+    if freq_hz > nyquist_hz - 0.5 * resolution_hz {
+        return Some(LeftOut::AboveNyquist { nyquist_hz });
+    }
+    if freq_hz < resolution_hz {
+        return Some(LeftOut::TooSlow { resolution_hz });
+    }
+    // Frequencies that are meant to be one resolution apart must not fail by rounding.
+    let close = |other_hz: &&f64| (freq_hz - **other_hz).abs() < resolution_hz * (1.0 - 1e-9);
+    taken.iter().find(close).map(|to_hz| LeftOut::TooClose { to_hz: *to_hz, resolution_hz })
+}

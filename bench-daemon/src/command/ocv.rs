@@ -1,0 +1,183 @@
+//! `eis-bench ocv`: the open-circuit voltage of a slow discharge.
+
+use std::path::{Path, PathBuf};
+
+use analysis::{
+    dataset,
+    formats::{CurrentSign, SeriesOptions, read_series},
+    ocv::{OcvExtraction, OcvOptions, compensated, extract},
+    plot::{self, AxisSpec, Chart, Panel, Trace, TraceStyle},
+    series::TimeSeries,
+};
+
+use crate::command::Failure;
+use crate::terminal::say;
+
+/// Points per trace of a plot.
+const DRAWN: usize = 1500;
+/// Rows of the table less one.
+const TABLE_STEPS: u32 = 200;
+
+/// Arguments of `ocv`.
+#[derive(Debug, clap::Args)]
+pub struct OcvArgs {
+    /// A slow discharge: the thesis' cycler CSV, BDF (CSV or Parquet), the bench's own series.
+    #[arg(value_name = "FILE")]
+    pub discharge: PathBuf,
+    /// A charge (may be the same file): half the difference of both directions.
+    #[arg(long, value_name = "FILE")]
+    pub charge: Option<PathBuf>,
+    /// Resistance that the load's voltage drop is compensated with, Ω.
+    #[arg(long, default_value_t = 0.015, value_name = "OHM")]
+    pub dcir_ohm: f64,
+    /// Lower voltage limit of the cell, V.
+    #[arg(long, default_value_t = 2.5, value_name = "V")]
+    pub low_v: f64,
+    /// Upper voltage limit of the cell, V.
+    #[arg(long, default_value_t = 4.2, value_name = "V")]
+    pub high_v: f64,
+    /// A polynomial of this order besides, with its error and where it falls.
+    #[arg(long, value_name = "ORDER")]
+    pub poly: Option<usize>,
+    /// Direction that the files count positive, `discharge` or `charge` [default: by format and file name]
+    #[arg(long, value_name = "DIRECTION")]
+    pub positive: Option<CurrentSign>,
+    /// Write `ocv.csv`, `ocv.json` and `ocv.svg`/`.png` into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Finds the curve, prints it, and writes it into a folder if asked to.
+///
+/// # Errors
+/// A file or an argument that is not as expected; a folder that cannot be written.
+pub fn ocv(args: &OcvArgs) -> Result<(), Failure> {
+    let discharge = read(&args.discharge, args.positive)?;
+    let charge = args.charge.as_deref().map(|path| read(path, args.positive)).transpose()?;
+    let limits_v = (args.low_v, args.high_v);
+    let options = OcvOptions { dcir_ohm: args.dcir_ohm, limits_v, polynomial: args.poly, ..OcvOptions::default() };
+    let found = extract(&discharge, charge.as_ref(), &options).map_err(|error| Failure::Usage(error.to_string()))?;
+    if let Some(folder) = &args.out {
+        write(folder, &discharge, (&found, &options))?;
+    }
+    if args.json {
+        let text = serde_json::to_string_pretty(&found).map_err(|error| Failure::Analysis(error.to_string()))?;
+        say!("{text}");
+        return Ok(());
+    }
+    print_text(&discharge.name, &found);
+    if let Some(folder) = &args.out {
+        say!("written to {}", folder.display());
+    }
+    Ok(())
+}
+
+/// A time series as a command names it.
+pub(super) fn read(path: &Path, sign: Option<CurrentSign>) -> Result<TimeSeries, Failure> {
+    read_series(path, &SeriesOptions { sign }).map_err(|error| Failure::Usage(error.to_string()))
+}
+
+fn print_text(name: &str, found: &OcvExtraction) {
+    say!("{name}: {:.4} Ah between {:.3} V and {:.3} V at {:.3} A", found.capacity_ah, found.span_v.1, found.span_v.0, found.current_a);
+    say!(
+        "  OCV = V + i·{:.1} mΩ; scatter about the spline {:.2} mV, its own uncertainty {:.2} mV ({:.0} free parameters)",
+        1e3 * found.dcir_ohm,
+        1e3 * found.noise_v,
+        1e3 * found.sigma_v,
+        found.effective_parameters
+    );
+    say!("  {:>5}  {:>7}  {:>9}", "SOC", "OCV / V", "slope / V");
+    for k in 0..=10 {
+        let soc = 0.1 * f64::from(k);
+        let (ocv_v, slope_v) = found.curve.at(soc);
+        say!("  {soc:>5.2}  {ocv_v:>7.4}  {slope_v:>9.3}");
+    }
+    if let Some(p) = &found.polynomial {
+        let (rms, max) = (1e3 * p.rms_v, 1e3 * p.max_v);
+        say!("  polynomial of order {}: rms error {rms:.2} mV, largest {max:.1} mV at SOC {:.3}", p.order, p.max_at_soc);
+        say!("  {}", p.statement());
+    }
+    if let Some(h) = &found.charge {
+        say!(
+            "  charge at {:.2} A: half the difference to the discharge is {:.1} mV (median over SOC {:.2}–{:.2}), at most {:.1} mV at SOC {:.2}",
+            h.current_a,
+            1e3 * h.median_v,
+            h.soc.0,
+            h.soc.1,
+            1e3 * h.max_v,
+            h.max_at_soc
+        );
+    }
+    for warning in &found.warnings {
+        say!("  note: {warning}");
+    }
+}
+
+fn write(folder: &Path, discharge: &TimeSeries, (found, options): (&OcvExtraction, &OcvOptions)) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|error| Failure::Usage(format!("--out {}: {error}", folder.display())))?;
+    let put = |name: &str, text: &str| {
+        dataset::write_atomically(&folder.join(name), text.as_bytes()).map_err(|error| Failure::Analysis(error.to_string()))
+    };
+    let mut table = "soc,ocv_v,docv_dsoc_v\n".to_owned();
+    for k in 0..=TABLE_STEPS {
+        let soc = f64::from(k) / f64::from(TABLE_STEPS);
+        let (ocv_v, slope_v) = found.curve.at(soc);
+        table.push_str(&format!("{soc:.4},{ocv_v:.6},{slope_v:.6}\n"));
+    }
+    put("ocv.csv", &table)?;
+    let json = serde_json::to_string_pretty(&found.curve).map_err(|error| Failure::Analysis(error.to_string()))?;
+    put("ocv.json", &(json + "\n"))?;
+    let points = compensated(discharge, options).map_err(|error| Failure::Usage(error.to_string()))?;
+    let picture = picture(&discharge.name, &points, found);
+    for extension in ["svg", "png"] {
+        plot::chart(&picture, &folder.join(format!("ocv.{extension}"))).map_err(|error| Failure::Analysis(error.to_string()))?;
+    }
+    Ok(())
+}
+
+/// The measured and the compensated curve as figure 3.3 of the thesis, the slope, and the samples less the spline.
+fn picture(name: &str, points: &[(f64, f64)], found: &OcvExtraction) -> Chart {
+    let every = points.len().div_ceil(DRAWN).max(1);
+    let thin: Vec<(f64, f64)> = points.iter().step_by(every).copied().collect();
+    let drop = found.current_a * found.dcir_ohm;
+    let soc = || AxisSpec::linear("State of charge").between(0.0, 1.0);
+    let curve = |f: &dyn Fn(f64) -> f64| (0..=DRAWN).map(|k| k as f64 / DRAWN as f64).map(|z| (z, f(z))).collect::<Vec<_>>();
+    let mut upper = vec![
+        Trace::new(
+            &format!("measured at {:.2} A", found.current_a),
+            0,
+            TraceStyle::Line,
+            thin.iter().map(|(z, u)| (*z, u - drop)).collect(),
+        ),
+        Trace::new(
+            &format!("OCV, compensated by {:.1} mΩ", 1e3 * found.dcir_ohm),
+            1,
+            TraceStyle::Line,
+            curve(&|z| found.curve.voltage_v(z)),
+        ),
+    ];
+    let mut lower = vec![Trace::new(
+        "samples less the spline",
+        0,
+        TraceStyle::Line,
+        thin.iter().map(|(z, u)| (*z, 1e3 * (u - found.curve.voltage_v(*z)))).collect(),
+    )];
+    if let Some(p) = &found.polynomial {
+        let label = format!("polynomial of order {}", p.order);
+        upper.push(Trace::new(&label, 2, TraceStyle::Dashed, curve(&|z| p.voltage_v(z))));
+        lower.push(Trace::new("", 2, TraceStyle::Dashed, curve(&|z| 1e3 * (p.voltage_v(z) - found.curve.voltage_v(z)))));
+    }
+    let slope = Trace::new("", 1, TraceStyle::Line, curve(&|z| found.curve.slope_v(z)));
+    // The knee at the empty end would hide all else.
+    let ordinary = (20..=DRAWN).map(|k| found.curve.slope_v(k as f64 / DRAWN as f64 * 0.95 + 0.05)).fold(0.0, f64::max);
+    let panels = vec![
+        Panel::new(soc(), AxisSpec::linear("Voltage / V"), upper),
+        Panel { aspect: 0.25, ..Panel::new(soc(), AxisSpec::linear("dOCV/dSOC / V").between(0.0, 1.1 * ordinary), vec![slope]) },
+        Panel { aspect: 0.2, ..Panel::new(soc(), AxisSpec::linear("Residual / mV"), lower) },
+    ];
+    let subtitle = format!("{name}: {:.3} Ah between {:.2} V and {:.2} V", found.capacity_ah, found.span_v.1, found.span_v.0);
+    Chart::new("Open-circuit voltage over state of charge", &subtitle, panels)
+}

@@ -1,0 +1,242 @@
+//! `eis-bench pack size`: peak, crossing and regeneration power of a pack by the simple-IR model.
+
+use std::path::{Path, PathBuf};
+
+use analysis::{
+    pack::{Hold, OperatingPoint, Pack, PackError, SimpleIr, Sizing, SizingInput, ThermalMass},
+    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle, chart},
+};
+use clap::Args;
+use serde::Serialize;
+
+use super::{Failure, pack::folder};
+use crate::terminal::say;
+
+const HELP: &str = "\
+Every cell is taken as an ideal source (its open-circuit voltage) behind one resistance (its DC resistance), the pack as S/P of them plus the
+interconnect. Then CCV = (OCV + √(OCV² − 4·P·r))/2, and three powers follow in closed form:
+  peak      the most that can be drawn before the pack falls to its lower voltage (or to half the OCV, where no load gets more)
+  crossing  where the falling voltage meets what the load needs for its power, --required-v-per-w times the power
+  regen     the charging power (negative) that lifts the pack to its upper voltage
+The window is that of the cells times S, at the pack's terminals. What a pack can do for a short time only is more: see `eis-bench sop`.
+
+Example, the pack of a humanoid robot (8 kW at 60 V, in proportion below: 0.0075 V/W), and 4 kW for 10 s:
+  eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015 --interconnect-ohm 0.03 \\
+    --required-v-per-w 0.0075 --power-w 4000 --hold-s 10";
+
+/// Arguments of `pack size`.
+#[derive(Debug, Args)]
+#[command(after_help = HELP)]
+pub struct SizeArgs {
+    /// Cells in series.
+    #[arg(long, value_name = "S")]
+    pub series: u32,
+    /// Cells in parallel.
+    #[arg(long, value_name = "P")]
+    pub parallel: u32,
+    /// Open-circuit voltage of a cell, V.
+    #[arg(long, value_name = "V")]
+    pub ocv_v: f64,
+    /// DC resistance of a cell, Ω.
+    #[arg(long, value_name = "OHM")]
+    pub dcir_ohm: f64,
+    /// Resistance of busbars, wires and connectors over the whole pack, Ω.
+    #[arg(long, value_name = "OHM", default_value_t = 0.0)]
+    pub interconnect_ohm: f64,
+    /// Bus voltage that the load needs per watt it draws, V/W.
+    #[arg(long, value_name = "V/W", allow_negative_numbers = true)]
+    pub required_v_per_w: Option<f64>,
+    /// Lowest voltage of a cell, V.
+    #[arg(long, value_name = "V", default_value_t = 2.5)]
+    pub v_min: f64,
+    /// Highest voltage of a cell, V.
+    #[arg(long, value_name = "V", default_value_t = 4.2)]
+    pub v_max: f64,
+    /// A power that is held, W, negative for charging; needs --hold-s.
+    #[arg(long, value_name = "W", requires = "hold_s", allow_negative_numbers = true)]
+    pub power_w: Option<f64>,
+    /// For how long --power-w is held, s.
+    #[arg(long, value_name = "S", requires = "power_w")]
+    pub hold_s: Option<f64>,
+    /// Mass and specific heat of a cell.
+    #[command(flatten)]
+    pub thermal: ThermalArgs,
+    /// Write sizing.json and the plot of voltage over power into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Mass and specific heat of a cell.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct ThermalArgs {
+    /// Mass of a cell, kg. The default is the maximum of the Molicel P45B's data sheet.
+    #[arg(long, value_name = "KG", default_value_t = ThermalMass::P45B.mass_kg)]
+    pub cell_mass_kg: f64,
+    /// Specific heat of a cell, J/(kg·K). Published values for such cells lie between 900 and 1000; nobody measured it here.
+    #[arg(long, value_name = "J/KG/K", default_value_t = ThermalMass::P45B.specific_heat_j_per_kg_k)]
+    pub specific_heat: f64,
+}
+
+impl ThermalArgs {
+    /// As the analysis wants it.
+    pub fn mass(self) -> ThermalMass {
+        ThermalMass { mass_kg: self.cell_mass_kg, specific_heat_j_per_kg_k: self.specific_heat }
+    }
+}
+
+#[derive(Serialize)]
+struct SizeReport {
+    #[serde(flatten)]
+    sizing: Sizing,
+    hold: Option<Hold>,
+}
+
+/// Sizes a pack and prints it.
+///
+/// # Errors
+/// An argument that makes no sense; a folder that cannot be written.
+pub fn size(args: &SizeArgs) -> Result<(), Failure> {
+    let usage = |error: PackError| Failure::Usage(error.to_string());
+    let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
+    let input = SizingInput {
+        pack,
+        cell_ocv_v: args.ocv_v,
+        dcir_ohm: args.dcir_ohm,
+        window_v: (args.v_min, args.v_max),
+        required_v_per_w: args.required_v_per_w,
+    };
+    let sizing = Sizing::new(&input).map_err(usage)?;
+    let held = args.power_w.zip(args.hold_s);
+    let hold = held.map(|held| Hold::new(&input, held, args.thermal.mass())).transpose().map_err(usage)?;
+    let report = SizeReport { sizing, hold };
+    let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
+    if let Some(out) = &args.out {
+        write(out, &json, &voltage_over_power(&input, &report.sizing).map_err(usage)?)?;
+    }
+    if args.json {
+        say!("{json}");
+        return Ok(());
+    }
+    print_text(&input, &report);
+    if let Some(out) = &args.out {
+        say!("written to {}", out.display());
+    }
+    Ok(())
+}
+
+fn print_text(input: &SizingInput, report: &SizeReport) {
+    let s = &report.sizing;
+    say!(
+        "{} at {} V per cell: OCV {:.2} V, resistance {:.1} mΩ, window {:.1} to {:.1} V",
+        s.pack.name(),
+        input.cell_ocv_v,
+        s.ocv_v,
+        1.0e3 * s.resistance_ohm,
+        s.v_min_v,
+        s.v_max_v
+    );
+    for (name, point) in [("peak", s.peak), ("crossing", s.crossing), ("regen", s.regen)] {
+        if let Some(p) = point {
+            say!("  {name:<9}{}", operating_point(&p));
+        }
+    }
+    say!("  {:<9}{:>8.2} kW, what no load can exceed (OCV²/4r)", "maximum", 1.0e-3 * s.theoretical_maximum_w);
+    if let Some(h) = &report.hold {
+        say!(
+            "  {:<9}{:>8.2} kW for {} s: {:.2} V{}, {:.1} A and {:.0} J of heat per cell, +{:.2} K if none leaves it",
+            "held",
+            1.0e-3 * h.power_w,
+            h.duration_s,
+            h.voltage_v,
+            if h.within_window { "" } else { " OUTSIDE THE WINDOW" },
+            h.cell_current_a,
+            h.cell_heat_j,
+            h.temperature_rise_k
+        );
+    }
+    for note in &s.notes {
+        say!("  note: {note}");
+    }
+}
+
+fn operating_point(p: &OperatingPoint) -> String {
+    format!(
+        "{:>8.2} kW at {:.2} V, {:.1} A ({:.1} A per cell), {:.2} kW of heat",
+        1.0e-3 * p.power_w,
+        p.voltage_v,
+        p.current_a,
+        p.cell_current_a,
+        1.0e-3 * p.heat_w
+    )
+}
+
+/// The chart of the thesis' figures 2.3 and 2.4.
+fn voltage_over_power(input: &SizingInput, s: &Sizing) -> Result<Chart, PackError> {
+    let ir = SimpleIr::new(input)?;
+    let top = s.v_max_v.max(s.ocv_v) * 1.01;
+    let at = |v: f64| (1.0e-3 * ir.at_voltage(v).power_w, v);
+    let curve: Vec<(f64, f64)> = (0..=400).map(|k| at(0.5 * s.ocv_v + (top - 0.5 * s.ocv_v) * f64::from(k) / 400.0)).collect();
+    let (left, right) = (at(top).0, 1.0e-3 * s.theoretical_maximum_w);
+    let level = |v: f64| vec![(left, v), (right, v)];
+    let low = 0.9 * s.v_min_v.min(0.5 * s.ocv_v);
+    let mut traces = vec![
+        Trace::new("voltage window", 5, TraceStyle::Dashed, level(s.v_min_v)),
+        Trace::new("", 5, TraceStyle::Dashed, level(s.v_max_v)),
+        Trace::new("CCV", 0, TraceStyle::Line, curve),
+    ];
+    if let Some(slope) = input.required_v_per_w {
+        // A point below the frame would be drawn at its edge and bend the line.
+        let (start, end) = (1.0e-3 * low / slope, right.min(1.0e-3 * top / slope));
+        if start < end {
+            let line = vec![(start, 1.0e3 * slope * start), (end, 1.0e3 * slope * end)];
+            traces.push(Trace::new("bus voltage that the load needs", 1, TraceStyle::Line, line));
+        }
+    }
+    let mut colour = 2;
+    for (name, point) in [("peak", s.peak), ("crossing", s.crossing), ("regeneration", s.regen)] {
+        if let Some(p) = point {
+            let power = 1.0e-3 * p.power_w;
+            traces.push(Trace::new(&format!("{name} {power:.2} kW"), colour, TraceStyle::Points, vec![(power, p.voltage_v)]));
+        }
+        colour += 1;
+    }
+    let title = format!("{}: voltage over power, simple-IR model", s.pack.name());
+    let subtitle = format!(
+        "{} V and {} mΩ per cell, interconnect {} mΩ; positive power is discharge",
+        input.cell_ocv_v,
+        1.0e3 * input.dcir_ohm,
+        1.0e3 * s.pack.interconnect_ohm
+    );
+    let panel = Panel::new(AxisSpec::linear("Power / kW"), AxisSpec::linear("Voltage / V").between(low, top), traces);
+    Ok(Chart::new(&title, &subtitle, vec![Panel { aspect: 0.6, ..panel }]))
+}
+
+fn write(out: &Path, json: &str, picture: &Chart) -> Result<(), Failure> {
+    folder(out, "sizing.json", json)?;
+    for extension in ["svg", "png"] {
+        let path = out.join(format!("voltage_over_power.{extension}"));
+        chart(picture, &path).map_err(|error| Failure::Analysis(error.to_string()))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_json_has_the_fixed_names() {
+        let pack = Pack::new(16, 3, 0.03).unwrap();
+        let input = SizingInput { pack, cell_ocv_v: 4.0, dcir_ohm: 0.015, window_v: (2.5, 4.2), required_v_per_w: Some(0.0075) };
+        let report = SizeReport { sizing: Sizing::new(&input).unwrap(), hold: None };
+        let json: serde_json::Value = serde_json::to_value(&report).unwrap();
+        for (name, kilowatts) in [("peak_power_w", 8.73), ("crossing_power_w", 6.58), ("regen_power_w", -1.95)] {
+            assert!((json[name].as_f64().unwrap() / 1000.0 - kilowatts).abs() < 0.005, "{json}");
+        }
+        assert_eq!(json["series"], 16);
+        assert!(voltage_over_power(&input, &report.sizing).is_ok());
+    }
+}

@@ -1,0 +1,295 @@
+//! `eis-bench simulate`: load profiles through a fitted model, as a cell or as a pack.
+
+mod case;
+mod figure;
+
+use std::path::{Path, PathBuf};
+
+use analysis::{
+    fit::ModelFile,
+    forward::{
+        Beyond, CellWindow, Demand, Infeasible, Interpolation, Method, OcvSource, Profile, ReadOptions, ScaleBound, SimModel, SimOptions,
+        SimState, Summary, write_trace_parquet,
+    },
+    pack::Pack,
+};
+use serde::Serialize;
+
+use crate::command::Failure;
+use crate::terminal::{remark, say};
+use case::{Case, Parameter};
+
+/// Arguments of `simulate`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Margins are per cell (mean over the cells in series, interconnect left out) and positive inside the window; min_ccv_v and max_ccv_v are \
+voltages at the terminals. `feasible` says that all power asked for could be had; whether the window was kept, the margins say.
+Power and current count discharge as positive. Each row of a profile holds until the next; the last row only ends it.")]
+pub struct SimulateArgs {
+    /// A model as `fit --out` writes it: model_4rc.json.
+    #[arg(long, value_name = "FILE")]
+    pub model: PathBuf,
+    /// Two columns, time and power, current or load resistance, with or without header; several for a table over all.
+    #[arg(long = "profile", required = true, value_name = "FILE")]
+    pub profiles: Vec<PathBuf>,
+    /// Cells in series.
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    pub series: u32,
+    /// Cells in parallel.
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    pub parallel: u32,
+    /// Resistance of busbars, wires and connectors over the whole pack, Ω.
+    #[arg(long, default_value_t = 0.0, value_name = "OHM")]
+    pub interconnect_ohm: f64,
+    /// State of charge at the start, 0 to 1; needs a model with an OCV curve.
+    #[arg(long, value_name = "X", conflicts_with = "ocv_v", required_unless_present = "ocv_v")]
+    pub soc: Option<f64>,
+    /// Open-circuit voltage of a cell at the start, V; without an OCV curve in the model it stays.
+    #[arg(long, value_name = "V")]
+    pub ocv_v: Option<f64>,
+    /// What the second column is, where no header says it [default: power].
+    #[arg(long, value_enum)]
+    pub kind: Option<Kind>,
+    /// What happens between rows.
+    #[arg(long, value_enum, default_value_t = Between::Hold)]
+    pub interpolation: Between,
+    /// The profile counts charge as positive.
+    #[arg(long)]
+    pub charge_positive: bool,
+    /// `exact`: exponential steps with error control; `thesis`: its three steps, explicit Euler from row to row.
+    #[arg(long, value_enum, default_value_t = Steps::Exact)]
+    pub method: Steps,
+    /// What is done about power that cannot be had: `stop`, or `extrapolate` along the tangent from 95 % of it (thesis 4.2.1).
+    #[arg(long, value_enum, default_value_t = Policy::Stop)]
+    pub beyond: Policy,
+    /// Longest distance of two rows of the trace, s [default: a 2000th of the profile]
+    #[arg(long, value_name = "S")]
+    pub step_s: Option<f64>,
+    /// Lowest voltage of a cell, V.
+    #[arg(long, default_value_t = CellWindow::THESIS.low_v, value_name = "V")]
+    pub low_v: f64,
+    /// Highest voltage of a cell, V.
+    #[arg(long, default_value_t = CellWindow::THESIS.high_v, value_name = "V")]
+    pub high_v: f64,
+    /// Folder for traces (Parquet) and plots [default: the traces into the current directory, no plots]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print JSON: one object for one profile, a list for several.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Kinds of profiles.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum Kind {
+    /// W.
+    Power,
+    /// A.
+    Current,
+    /// Ω across the terminals.
+    Resistance,
+}
+
+/// What happens between rows.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum Between {
+    /// A row holds until the next.
+    Hold,
+    /// Straight from row to row.
+    Linear,
+}
+
+/// Step methods.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum Steps {
+    /// Exponential steps with error control.
+    Exact,
+    /// Explicit Euler.
+    Thesis,
+}
+
+/// What is done about power that cannot be had.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum Policy {
+    /// The simulation ends.
+    Stop,
+    /// The voltage goes on along its tangent.
+    Extrapolate,
+}
+
+/// What `--json` prints for a profile.
+#[derive(Debug, Clone, Serialize)]
+struct Output {
+    profile: String,
+    model: String,
+    pack: String,
+    #[serde(flatten)]
+    summary: Summary,
+    /// Where the first infeasible power is met; null if none.
+    first_infeasible: Option<Infeasible>,
+    /// One standard deviation of the lowest voltage that comes from the model's fit; null where that has no covariance.
+    min_ccv_sigma_v: Option<f64>,
+    /// What 1 % more of a parameter of the cell does to the lowest voltage at the terminals, V.
+    min_ccv_per_percent_v: Vec<Parameter>,
+    /// The largest factor of the profile within the window.
+    largest_factor: Option<f64>,
+    largest_factor_bound: Option<ScaleBound>,
+    /// Peak power at that factor, W.
+    largest_peak_power_w: Option<f64>,
+    simple_ir: SimpleIr,
+    /// How much more peak power the transient model allows than the simple-IR model, W.
+    freed_peak_power_w: Option<f64>,
+    trace: PathBuf,
+}
+
+/// The same with the DC resistance alone.
+#[derive(Debug, Clone, Serialize)]
+struct SimpleIr {
+    min_ccv_v: f64,
+    max_ccv_v: f64,
+    margin_low_v: f64,
+    margin_high_v: f64,
+    energy_j: f64,
+    feasible: bool,
+    largest_factor: Option<f64>,
+    largest_peak_power_w: Option<f64>,
+}
+
+/// Runs the profiles, prints what comes of them, and writes traces and plots.
+///
+/// # Errors
+/// A file or an argument that is not as expected; a folder that cannot be written.
+pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
+    let (file, model) = model(args)?;
+    let state = state(args, &model)?;
+    let window = window(args)?;
+    let mut outputs = Vec::new();
+    let mut cases = Vec::new();
+    for path in &args.profiles {
+        let profile = Profile::read(path, &read_options(args)).map_err(usage)?;
+        let options = options(args, &profile, window);
+        let case = Case::run((&file, &model, &state), profile, options).map_err(usage)?;
+        let trace = trace_path(args, &case.profile.name, &outputs);
+        write_trace_parquet(&trace, &case.full.trace, window).map_err(|error| Failure::Analysis(error.to_string()))?;
+        outputs.push(case.output(&file, &model, trace));
+        cases.push(case);
+    }
+    if let Some(folder) = &args.out {
+        figure::write(folder, (&cases, &model), window)?;
+    }
+    if args.json { print_json(&outputs) } else { print_text(&outputs, (&model, &cases), args) }
+}
+
+fn usage(error: impl std::fmt::Display) -> Failure {
+    Failure::Usage(error.to_string())
+}
+
+fn model(args: &SimulateArgs) -> Result<(ModelFile, SimModel), Failure> {
+    let name = args.model.display();
+    let text = std::fs::read_to_string(&args.model).map_err(|error| Failure::Usage(format!("--model {name}: {error}")))?;
+    let file = ModelFile::from_json(&text).map_err(|error| Failure::Usage(format!("--model {name}: {error}")))?;
+    let ocv = match (&file.ocv, args.ocv_v) {
+        (Some(curve), _) => OcvSource::Curve(curve.clone()),
+        (None, Some(ocv_v)) => OcvSource::Constant(ocv_v),
+        (None, None) => {
+            return Err(Failure::Usage(format!("--soc: expected a model with an OCV curve, {name} has none; give --ocv-v instead")));
+        }
+    };
+    let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
+    let model = SimModel::pack(&file.fit.erm, ocv, pack).map_err(usage)?;
+    if let Some(folder) = &args.out {
+        std::fs::create_dir_all(folder).map_err(|error| Failure::Usage(format!("--out {}: {error}", folder.display())))?;
+    }
+    Ok((file, model))
+}
+
+fn state(args: &SimulateArgs, model: &SimModel) -> Result<SimState, Failure> {
+    match (args.soc, args.ocv_v) {
+        (Some(soc), _) => model.rest(soc).map_err(|error| Failure::Usage(format!("--soc: {error}"))),
+        (None, Some(ocv_v)) => model.rest_at(ocv_v).map_err(|error| Failure::Usage(format!("--ocv-v: {error}"))),
+        (None, None) => Err(Failure::Usage("expected --soc or --ocv-v, found neither".to_owned())),
+    }
+}
+
+fn window(args: &SimulateArgs) -> Result<CellWindow, Failure> {
+    let window = CellWindow { low_v: args.low_v, high_v: args.high_v };
+    if args.low_v < args.high_v {
+        return Ok(window);
+    }
+    Err(Failure::Usage(format!("--low-v, --high-v: expected a lower below a higher voltage, found {} and {} V", args.low_v, args.high_v)))
+}
+
+fn read_options(args: &SimulateArgs) -> ReadOptions {
+    let demand = args.kind.map(|kind| match kind {
+        Kind::Power => Demand::Power,
+        Kind::Current => Demand::Current,
+        Kind::Resistance => Demand::Resistance,
+    });
+    let interpolation = match args.interpolation {
+        Between::Hold => Interpolation::Hold,
+        Between::Linear => Interpolation::Linear,
+    };
+    ReadOptions { demand, interpolation, charge_positive: args.charge_positive }
+}
+
+fn options(args: &SimulateArgs, profile: &Profile, window: CellWindow) -> SimOptions {
+    let beyond = match args.beyond {
+        Policy::Stop => Beyond::Stop,
+        Policy::Extrapolate => Beyond::Extrapolate { fraction: Beyond::FRACTION },
+    };
+    let (method, step_s) = match args.method {
+        Steps::Exact => (Method::Exact, profile.duration_s() / 2000.0),
+        Steps::Thesis => (Method::Thesis, f64::INFINITY),
+    };
+    SimOptions { method, beyond, window, max_step_s: args.step_s.unwrap_or(step_s), ..SimOptions::default() }
+}
+
+/// Two profiles of one name from different folders must not share a trace.
+fn trace_path(args: &SimulateArgs, name: &str, earlier: &[Output]) -> PathBuf {
+    let folder = args.out.clone().unwrap_or_default();
+    let path = |number: usize| match (args.profiles.len(), args.out.is_some(), number) {
+        (1, true, _) => folder.join("trace.parquet"),
+        (_, _, 0) => folder.join(format!("{name}.trace.parquet")),
+        _ => folder.join(format!("{name}-{}.trace.parquet", number + 1)),
+    };
+    (0..).map(path).find(|path| earlier.iter().all(|other| other.trace != *path)).unwrap_or_else(|| Path::new("trace.parquet").to_owned())
+}
+
+fn print_json(outputs: &[Output]) -> Result<(), Failure> {
+    let text = match outputs {
+        [one] => serde_json::to_string_pretty(one),
+        several => serde_json::to_string_pretty(several),
+    };
+    say!("{}", text.map_err(|error| Failure::Analysis(error.to_string()))?);
+    Ok(())
+}
+
+fn print_text(outputs: &[Output], (model, cases): (&SimModel, &[Case]), args: &SimulateArgs) -> Result<(), Failure> {
+    let (fast, slow) = (1e3 * model.erm.r_ohm, 1e3 * model.erm.dc_resistance_ohm());
+    let rest = outputs.first().zip(cases.first()).and_then(|(_, case)| case.full.trace.ocv_v.first().copied()).unwrap_or(f64::NAN);
+    say!(
+        "{}: {} RC, at the terminals R {fast:.2} mΩ, DC resistance {slow:.2} mΩ, OCV {rest:.2} V",
+        model.pack.name(),
+        model.erm.branches.len()
+    );
+    say!("cells within {} to {} V; simple IR is the DC resistance alone", args.low_v, args.high_v);
+    say!("");
+    case::print_table(outputs);
+    for output in outputs {
+        if let Some(Infeasible { time_s, power_w, available_w, .. }) = &output.first_infeasible {
+            remark!("{}: at {time_s:.4} s {power_w:.1} W were asked for, {available_w:.1} W could be had", output.profile);
+        }
+    }
+    say!("");
+    for output in outputs {
+        say!("{}", case::sentence(output));
+    }
+    say!("");
+    for output in outputs {
+        say!("trace of {}: {}", output.profile, output.trace.display());
+    }
+    if let Some(folder) = &args.out {
+        say!("plots in {}", folder.display());
+    }
+    Ok(())
+}

@@ -1,0 +1,190 @@
+//! One profile through the model and through its simple-IR rest, and what is said of it.
+
+use std::path::PathBuf;
+
+use analysis::{
+    fit::ModelFile,
+    forward::{
+        Demand, ForwardError, Profile, ScaleLimit, ScaleOptions, SimModel, SimOptions, SimState, Simulation, largest_scale, sensitivity,
+        simulate,
+    },
+    ocv::OcvCurve,
+};
+use serde::Serialize;
+
+use super::{Output, SimpleIr};
+use crate::terminal::say;
+
+/// A profile and what came of it.
+#[derive(Debug)]
+pub(super) struct Case {
+    pub(super) profile: Profile,
+    /// With all branches.
+    pub(super) full: Simulation,
+    /// With the DC resistance alone.
+    pub(super) simple: Simulation,
+    /// Largest factors of the two; none for a load resistance.
+    limits: Option<[ScaleLimit; 2]>,
+    /// Derivatives of the lowest voltage by ln R, ln R₁, ln C₁, … of the cell, V.
+    slopes_v: Vec<f64>,
+}
+
+/// What a parameter does to the lowest voltage.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Parameter {
+    parameter: String,
+    change_v: f64,
+}
+
+impl Case {
+    pub(super) fn run(
+        (file, model, state): (&ModelFile, &SimModel, &SimState),
+        profile: Profile,
+        options: SimOptions,
+    ) -> Result<Self, ForwardError> {
+        let full = simulate(model, state, &profile, &options)?;
+        let bare = model.simple_ir();
+        let rest = SimState { soc: state.soc, v_rc_v: Vec::new() };
+        let simple = simulate(&bare, &rest, &profile, &options)?;
+        let scale = ScaleOptions { window: options.window, ..ScaleOptions::for_profile(&profile) };
+        let limits = match profile.demand {
+            Demand::Resistance => None,
+            Demand::Power | Demand::Current => {
+                Some([largest_scale(model, state, &profile, &scale)?, largest_scale(&bare, &rest, &profile, &scale)?])
+            }
+        };
+        // Where the run stopped the voltage has no derivative, and there is no lowest one.
+        let slopes_v = if full.summary.feasible { slopes_v(file, (model, state), &profile, (&full, &options))? } else { Vec::new() };
+        Ok(Self { profile, full, simple, limits, slopes_v })
+    }
+
+    pub(super) fn output(&self, file: &ModelFile, model: &SimModel, trace: PathBuf) -> Output {
+        let (full, simple) = (&self.full.summary, &self.simple.summary);
+        let factor = |k: usize| self.limits.map(|l| l[k].factor);
+        // The peak of the profile itself where it is a power; else that of the simulation is no measure of the factor.
+        let asked = self.profile.value.iter().fold(0.0_f64, |a, b| a.max(*b));
+        let peak = |k: usize| factor(k).filter(|_| self.profile.demand == Demand::Power).map(|f| f * asked);
+        let names = file.fit.erm.parameter_names();
+        let per_percent = names.into_iter().zip(&self.slopes_v).map(|(parameter, slope)| Parameter { parameter, change_v: 0.01 * slope });
+        Output {
+            profile: self.profile.name.clone(),
+            model: format!("{}, {} RC", file.name, file.rc),
+            pack: model.pack.name(),
+            summary: full.clone(),
+            first_infeasible: full.infeasible.first().copied(),
+            min_ccv_sigma_v: self.sigma_v(file.fit.log_covariance.as_deref()),
+            min_ccv_per_percent_v: per_percent.collect(),
+            largest_factor: factor(0),
+            largest_factor_bound: self.limits.map(|l| l[0].bound),
+            largest_peak_power_w: peak(0),
+            simple_ir: SimpleIr {
+                min_ccv_v: simple.min_ccv_v,
+                max_ccv_v: simple.max_ccv_v,
+                margin_low_v: simple.margin_low_v,
+                margin_high_v: simple.margin_high_v,
+                energy_j: simple.energy_j,
+                feasible: simple.feasible,
+                largest_factor: factor(1),
+                largest_peak_power_w: peak(1),
+            },
+            freed_peak_power_w: peak(0).zip(peak(1)).map(|(full, simple)| full - simple),
+            trace,
+        }
+    }
+
+    /// √(gᵀΣg) with the covariance of the logarithms.
+    fn sigma_v(&self, covariance: Option<&[Vec<f64>]>) -> Option<f64> {
+        let covariance = covariance?;
+        let g = &self.slopes_v;
+        if g.is_empty() || covariance.len() != g.len() {
+            return None;
+        }
+        let rows = covariance.iter().zip(g).map(|(row, gi)| gi * row.iter().zip(g).map(|(c, gj)| c * gj).sum::<f64>());
+        let variance: f64 = rows.sum();
+        variance.is_finite().then(|| variance.max(0.0).sqrt())
+    }
+}
+
+/// Derivatives of the lowest voltage at the terminals by the logarithms of the cell's parameters, V.
+fn slopes_v(
+    file: &ModelFile,
+    (model, state): (&SimModel, &SimState),
+    profile: &Profile,
+    (run, options): (&Simulation, &SimOptions),
+) -> Result<Vec<f64>, ForwardError> {
+    // Steps as fine as the ones that error control took on average, but not more than a quarter of a million.
+    let step_s = (run.summary.simulated_s / run.summary.steps.max(1) as f64).max(profile.duration_s() / 2.5e5);
+    let derivatives = sensitivity(model, state, profile, (options.beyond, step_s))?;
+    let Some(lowest) = derivatives.rows.iter().min_by(|a, b| a.ccv_v.total_cmp(&b.ccv_v)) else { return Ok(Vec::new()) };
+    let ratio = model.pack.ratio();
+    let cell = &file.fit.erm;
+    let branches = cell.branches.iter().flat_map(|b| [b.r_ohm * ratio, b.c_f / ratio]);
+    let parameters = std::iter::once(cell.r_ohm * ratio).chain(branches);
+    Ok(parameters.zip(&lowest.by_parameter).map(|(value, slope)| value * slope).collect())
+}
+
+/// One row per profile.
+pub(super) fn print_table(outputs: &[Output]) {
+    let width = outputs.iter().map(|o| o.profile.chars().count()).max().unwrap_or(0).max("profile".len());
+    say!(
+        "{:width$}  {:>9}  {:>9}  {:>8}  {:>18}  {:>21}  {:>19}",
+        "",
+        "peak",
+        "energy",
+        "peak",
+        "lowest CCV / V",
+        "margin low / cell / V",
+        "largest peak / W"
+    );
+    say!(
+        "{:width$}  {:>9}  {:>9}  {:>8}  {:>9} {:>8}  {:>11} {:>9}  {:>9} {:>9}",
+        "profile",
+        "power / W",
+        "/ kJ",
+        "current/A",
+        "transient",
+        "simple",
+        "transient",
+        "simple",
+        "transient",
+        "simple"
+    );
+    for o in outputs {
+        let (s, r) = (&o.summary, &o.simple_ir);
+        let most = |w: Option<f64>| w.map_or_else(|| "–".to_owned(), |w| format!("{w:.0}"));
+        say!(
+            "{:width$}  {:>9.1}  {:>9.3}  {:>9.1}  {:>9.3} {:>8.3}  {:>+11.3} {:>+9.3}  {:>9} {:>9}",
+            o.profile,
+            s.peak_power_w,
+            1e-3 * s.energy_j,
+            s.peak_current_a,
+            s.min_ccv_v,
+            r.min_ccv_v,
+            s.margin_low_v,
+            r.margin_low_v,
+            most(o.largest_peak_power_w),
+            most(r.largest_peak_power_w)
+        );
+    }
+}
+
+/// What the transient model frees, in words.
+pub(super) fn sentence(o: &Output) -> String {
+    let (Some(full), Some(simple)) = (o.largest_factor, o.simple_ir.largest_factor) else {
+        return format!("{}: a load resistance has no largest factor", o.profile);
+    };
+    let bound = match o.largest_factor_bound {
+        Some(analysis::forward::ScaleBound::UpperVoltage) => "the upper voltage",
+        Some(analysis::forward::ScaleBound::Power) => "the power that can be had",
+        Some(analysis::forward::ScaleBound::Nothing) => "nothing",
+        _ => "the lower voltage",
+    };
+    let sigma = o.min_ccv_sigma_v.map_or_else(String::new, |s| format!("; lowest CCV ± {:.1} mV (1σ of the fit)", 1e3 * s));
+    let freed = o.freed_peak_power_w.map_or_else(String::new, |w| format!(": the transient model frees {w:.0} W of peak power"));
+    format!("{}: may grow {full:.3}-fold (bound by {bound}), {simple:.3}-fold by simple IR{freed}{sigma}", o.profile)
+}
+
+/// Whether a curve is used where only a voltage was given; for the caption.
+pub(super) fn state_words(curve: Option<&OcvCurve>) -> &'static str {
+    if curve.is_some() { "OCV by its curve" } else { "constant OCV" }
+}

@@ -1,0 +1,244 @@
+//! `eis-bench sop`: the most power that can be held, over duration and state of charge.
+
+use std::path::{Path, PathBuf};
+
+use analysis::{
+    forward::{CellWindow, OcvSource, SimModel},
+    pack::Pack,
+    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle, chart},
+    sop::{CurrentLimits, LimitedBy, SopEntry, SopGrid, SopOptions, sop_map},
+};
+use clap::Args;
+use serde::Serialize;
+
+use super::{
+    Failure,
+    pack::{folder, read_model},
+};
+use crate::terminal::say;
+
+const HELP: &str = "\
+State of power: the most constant power that the pack bears for a time, from rest, such that every cell stays between --v-min and --v-max from
+the first instant to the last and all of the power can be had. Positive is discharge. Each value is the root of a simulation with the transient
+model, to 1e-7 of itself; `IR` beside it is the simple-IR model's, which has the full DC resistance from the first instant. The limits hold at
+the cells' terminals; `pack size` has them at the pack's, behind the interconnect.
+
+With --ocv-v the voltage at rest stays as it is, which flatters long durations. What a model does not know beyond the band of its spectra (for
+0.1 Hz, beyond some 2 s) the map does not know either.
+
+Example:
+  eis-bench sop --model p45b/model_4rc.json --series 16 --parallel 3 --interconnect-ohm 0.03 --ocv-v 3.72 --duration-s 0.1,1,2,10";
+
+/// Curves of a plot at most.
+const MOST_CURVES: usize = 5;
+
+/// Arguments of `sop`.
+#[derive(Debug, Args)]
+#[command(after_help = HELP)]
+pub struct SopArgs {
+    /// A model as `fit --out` writes it; with an OCV curve for --soc.
+    #[arg(long, value_name = "FILE")]
+    pub model: PathBuf,
+    /// Cells in series.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub series: u32,
+    /// Cells in parallel.
+    #[arg(long, value_name = "P", default_value_t = 1)]
+    pub parallel: u32,
+    /// Resistance in series with the whole pack, Ω.
+    #[arg(long, value_name = "OHM", default_value_t = 0.0)]
+    pub interconnect_ohm: f64,
+    /// Durations, s, with commas.
+    #[arg(long, value_name = "LIST", default_value = "0.1,1,2,10")]
+    pub duration_s: String,
+    /// States of charge: a list with commas, or a range 0.1..0.9 in steps of 0.1, or 0.1..0.9:0.05.
+    #[arg(long, value_name = "LIST", conflicts_with = "ocv_v", required_unless_present = "ocv_v")]
+    pub soc: Option<String>,
+    /// Open-circuit voltage of a cell, V, which then stays as it is.
+    #[arg(long, value_name = "V")]
+    pub ocv_v: Option<f64>,
+    /// Lowest voltage of a cell, V.
+    #[arg(long, alias = "low-v", value_name = "V", default_value_t = CellWindow::THESIS.low_v)]
+    pub v_min: f64,
+    /// Highest voltage of a cell, V.
+    #[arg(long, alias = "high-v", value_name = "V", default_value_t = CellWindow::THESIS.high_v)]
+    pub v_max: f64,
+    /// Largest discharge current of a cell, A [default: no limit]
+    #[arg(long, value_name = "A")]
+    pub max_discharge_a: Option<f64>,
+    /// Largest charge current of a cell, A [default: no limit]
+    #[arg(long, value_name = "A")]
+    pub max_charge_a: Option<f64>,
+    /// Write sop.json, sop.csv and plots into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct SopReport {
+    model: String,
+    #[serde(flatten)]
+    pack: Pack,
+    window: CellWindow,
+    max_discharge_a: Option<f64>,
+    max_charge_a: Option<f64>,
+    map: Vec<SopEntry>,
+}
+
+/// Maps the state of power and prints it.
+///
+/// # Errors
+/// A file or an argument that is not as expected; a folder that cannot be written.
+pub fn sop(args: &SopArgs) -> Result<(), Failure> {
+    let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
+    let file = read_model(&args.model)?;
+    let duration_s = numbers(&args.duration_s).map_err(|error| Failure::Usage(format!("--duration-s: {error}")))?;
+    let (ocv, soc) = match (args.ocv_v, &args.soc, file.ocv) {
+        (Some(ocv_v), ..) => (OcvSource::Constant(ocv_v), vec![0.5]),
+        (None, Some(text), Some(curve)) => {
+            (OcvSource::Curve(curve), numbers(text).map_err(|error| Failure::Usage(format!("--soc: {error}")))?)
+        }
+        _ => return Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv-v", args.model.display()))),
+    };
+    let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(|error| usage(&error))?;
+    let model = SimModel::pack(&file.fit.erm, ocv, pack).map_err(|error| usage(&error))?;
+    let window = CellWindow { low_v: args.v_min, high_v: args.v_max };
+    analysis::pack::check_window((window.low_v, window.high_v)).map_err(|error| usage(&error))?;
+    let currents =
+        CurrentLimits { discharge_a: args.max_discharge_a.unwrap_or(f64::INFINITY), charge_a: args.max_charge_a.unwrap_or(f64::INFINITY) };
+    let options = SopOptions { window, currents, ..SopOptions::default() };
+    let map = sop_map(&model, &SopGrid { soc, duration_s }, &options).map_err(|error| usage(&error))?;
+    let report = SopReport { model: file.name, pack, window, max_discharge_a: args.max_discharge_a, max_charge_a: args.max_charge_a, map };
+    let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
+    if let Some(out) = &args.out {
+        folder(out, "sop.json", &json)?;
+        folder(out, "sop.csv", csv(&report.map).trim_end())?;
+        draw(out, &report)?;
+    }
+    if args.json {
+        say!("{json}");
+        return Ok(());
+    }
+    print_text(&report);
+    if let Some(out) = &args.out {
+        say!("written to {}", out.display());
+    }
+    Ok(())
+}
+
+/// Numbers with commas, or a range `from..to`, also with a step behind a colon.
+fn numbers(text: &str) -> Result<Vec<f64>, String> {
+    let number =
+        |text: &str| text.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| format!("expected a number, found {text:?}"));
+    let Some((from, rest)) = text.split_once("..") else { return text.split(',').map(number).collect() };
+    let (to, step) = rest.split_once(':').unwrap_or((rest, "0.1"));
+    let (from, to, step) = (number(from)?, number(to)?, number(step)?);
+    let count = (to - from) / step;
+    if !(step > 0.0 && (0.0..1000.0).contains(&count)) {
+        return Err(format!("expected a rising range of at most 1000 values, found {text:?}"));
+    }
+    // Rounded, for 0.1 + 2·0.1 is not 0.3.
+    Ok((0..=(count + 1e-9) as u32).map(|k| ((from + step * f64::from(k)) * 1e9).round() / 1e9).collect())
+}
+
+fn print_text(r: &SopReport) {
+    say!("{}, {} to {} V per cell; most power that can be held, W (IR: simple-IR model)", r.pack.name(), r.window.low_v, r.window.high_v);
+    say!("  {:>5}{:>9}{:>8}{:>12}{:>11}{:>12}{:>11}  limited by", "SOC", "OCV / V", "for / s", "discharge", "IR", "charge", "IR");
+    for e in &r.map {
+        say!(
+            "  {:>5}{:>9.3}{:>8}{:>12.1}{:>11.1}{:>12.1}{:>11.1}  {}, {}",
+            e.soc.map_or_else(|| "–".to_owned(), |soc| format!("{soc:.2}")),
+            e.ocv_v,
+            e.duration_s,
+            e.discharge_w,
+            e.simple_ir_discharge_w,
+            e.charge_w,
+            e.simple_ir_charge_w,
+            words(e.limited_by.discharge),
+            words(e.limited_by.charge)
+        );
+    }
+}
+
+fn words(by: LimitedBy) -> &'static str {
+    match by {
+        LimitedBy::LowerVoltage => "lower voltage",
+        LimitedBy::UpperVoltage => "upper voltage",
+        LimitedBy::TheoreticalMaximum => "theoretical maximum",
+        LimitedBy::Current => "current",
+        LimitedBy::OutsideWindow => "outside the window",
+    }
+}
+
+fn csv(map: &[SopEntry]) -> String {
+    let mut text =
+        "soc,ocv_v,duration_s,discharge_w,charge_w,discharge_limited_by,charge_limited_by,simple_ir_discharge_w,simple_ir_charge_w\n"
+            .to_owned();
+    for e in map {
+        let soc = e.soc.map_or_else(String::new, |soc| soc.to_string());
+        let limits = format!("{},{}", words(e.limited_by.discharge), words(e.limited_by.charge));
+        text += &format!(
+            "{soc},{},{},{},{},{limits},{},{}\n",
+            e.ocv_v, e.duration_s, e.discharge_w, e.charge_w, e.simple_ir_discharge_w, e.simple_ir_charge_w
+        );
+    }
+    text
+}
+
+fn draw(out: &Path, r: &SopReport) -> Result<(), Failure> {
+    let mut places: Vec<(Option<f64>, f64)> = Vec::new();
+    for e in &r.map {
+        if places.last() != Some(&(e.soc, e.ocv_v)) {
+            places.push((e.soc, e.ocv_v));
+        }
+    }
+    let shown = places.len().min(MOST_CURVES);
+    let chosen: Vec<(Option<f64>, f64)> =
+        (0..shown).filter_map(|k| places.get(if shown > 1 { k * (places.len() - 1) / (shown - 1) } else { 0 }).copied()).collect();
+    let panel = |name: &str, labelled: bool, of: fn(&SopEntry) -> (f64, f64)| {
+        let mut traces = Vec::new();
+        for (colour, place) in chosen.iter().enumerate() {
+            let entries: Vec<&SopEntry> = r.map.iter().filter(|e| (e.soc, e.ocv_v) == *place).collect();
+            let label = place.0.map_or_else(|| format!("OCV {} V", place.1), |soc| format!("SOC {soc}"));
+            let line = |ir: bool| entries.iter().map(|e| (e.duration_s, 1e-3 * if ir { of(e).1 } else { of(e).0 })).collect::<Vec<_>>();
+            traces.push(Trace::new(if labelled { &label } else { "" }, colour, TraceStyle::Line, line(false)));
+            traces.push(Trace::new("", colour, TraceStyle::Points, line(false)));
+            let label = if labelled && colour == 0 { "simple-IR model" } else { "" };
+            traces.push(Trace::new(label, colour, TraceStyle::Dashed, line(true)));
+        }
+        Panel { aspect: 0.36, ..Panel::new(AxisSpec::logarithmic("Held for / s"), AxisSpec::linear(name), traces) }
+    };
+    let panels = vec![
+        panel("Discharge / kW", true, |e| (e.discharge_w, e.simple_ir_discharge_w)),
+        panel("Charge / kW", false, |e| (e.charge_w, e.simple_ir_charge_w)),
+    ];
+    let subtitle = format!("{} to {} V per cell, from rest; broken lines: simple-IR model", r.window.low_v, r.window.high_v);
+    let picture = Chart::new(&format!("{}: state of power", r.pack.name()), &subtitle, panels);
+    for extension in ["svg", "png"] {
+        chart(&picture, &out.join(format!("sop.{extension}"))).map_err(|error| Failure::Analysis(error.to_string()))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::numbers;
+
+    #[test]
+    fn lists_and_ranges() {
+        assert_eq!(numbers("0.1, 1,10").unwrap(), [0.1, 1.0, 10.0]);
+        assert_eq!(numbers("0.1..0.5").unwrap(), [0.1, 0.2, 0.3, 0.4, 0.5]);
+        assert_eq!(numbers("0.1..0.2:0.05").unwrap(), [0.1, 0.15, 0.2]);
+        for (text, error) in [
+            ("a", "expected a number, found \"a\""),
+            ("0.9..0.1", "expected a rising range of at most 1000 values, found \"0.9..0.1\""),
+            ("0..1:0", "expected a rising range of at most 1000 values, found \"0..1:0\""),
+        ] {
+            assert_eq!(numbers(text).unwrap_err(), error);
+        }
+    }
+}
