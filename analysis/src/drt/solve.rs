@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 const FEWEST_POINTS: usize = 6;
 const PENALTY_ON_FREEDOM: f64 = 1.4;
 /// Of all λ whose score is within this factor of the best, the smoothest is taken: the best is often one of many alike.
-const AS_GOOD: f64 = 1.15;
+const AS_GOOD: f64 = 1.03;
 /// Decades of λ that are tried, relative to the size of the data's normal matrix.
 const DECADES: (i32, i32) = (-9, 1);
 const PER_DECADE: i32 = 2;
@@ -117,7 +117,7 @@ fn result(design: &Design, best: &Candidate, covariance: &DMatrix<f64>) -> Drt {
         inductance_h: estimate(1),
         elastance_per_f: estimate(2),
         warburg_ohm_per_sqrt_s: estimate(3),
-        polarisation_ohm: Estimate { value: nodes.clone().map(|j| x[j]).sum(), sigma: area_variance.max(0.0).sqrt() },
+        polarisation_ohm: Estimate { value: nodes.map(|j| x[j]).sum(), sigma: area_variance.max(0.0).sqrt() },
         lambda: best.lambda,
         freedom: best.freedom,
         reduced_chi2: reduced_chi2(design, best),

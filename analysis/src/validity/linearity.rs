@@ -60,14 +60,13 @@ pub fn linearity(spectra: &[Spectrum], noises: &[Noise]) -> Option<Linearity> {
         let (large, cov_large) = mean(group(highest), k);
         let (change, covariance) = (large - small, cov_small + cov_large);
         let scale = 100.0 / small.norm();
-        let point = LinearityPoint {
+        LinearityPoint {
             freq_hz: first.points[k].freq_hz,
             change_percent: scale * change.norm(),
             sigma_percent: scale * (0.5 * (covariance.re_re + covariance.im_im)).sqrt(),
             p: pair_tail(squared_distance(change, covariance), dof),
             nonlinear: false,
-        };
-        point
+        }
     });
     let mut points: Vec<LinearityPoint> = made.collect();
     let adjusted = holm(&points.iter().map(|p| p.p).collect::<Vec<_>>());

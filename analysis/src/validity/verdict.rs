@@ -1,7 +1,7 @@
 //! What the tests say together, in words: one verdict per point, one per spectrum.
 
 use super::assess::Record;
-use super::kramers_kronig::{KkOutcome, KramersKronig};
+use super::kramers_kronig::{KkOutcome, KkPoint, KramersKronig};
 use super::linearity::Linearity;
 use super::stationarity::Stationarity;
 use super::z_hit::ZHit;
@@ -11,6 +11,8 @@ use std::fmt;
 
 /// Share of the false-alarm rate that Z-HIT has.
 const Z_HIT_SHARE: f64 = 0.3;
+/// Z-HIT is an approximation: below the first it is not believed whatever the noise, bad is only what is above the second, %.
+const Z_HIT_ERROR_PERCENT: (f64, f64) = (0.3, 1.0);
 /// An error of Z that its record makes possible, %: doubtful above the first, bad above the second.
 const RECORD_ERROR_PERCENT: (f64, f64) = (0.3, 1.0);
 
@@ -100,11 +102,12 @@ fn point(findings: &Findings<'_>, k: usize) -> PointVerdict {
     by_kramers_kronig(findings.kk, k, &mut verdict);
     let z_hit = &findings.z_hit.points[k];
     let limit = |rate: f64| Z_HIT_SHARE * rate / findings.z_hit.points.len() as f64;
-    if z_hit.p < limit(DOUBTFUL_RATE) {
-        let grade = if z_hit.p < limit(FALSE_ALARM_RATE) { Grade::Bad } else { Grade::Doubtful };
+    let size = z_hit.deviation_percent.abs();
+    if z_hit.p < limit(DOUBTFUL_RATE) && size > Z_HIT_ERROR_PERCENT.0 {
+        let bad = z_hit.p < limit(FALSE_ALARM_RATE) && size > Z_HIT_ERROR_PERCENT.1;
+        let grade = if bad { Grade::Bad } else { Grade::Doubtful };
         let side = if z_hit.deviation_percent > 0.0 { "above" } else { "below" };
         let sigmas = (z_hit.deviation_percent / z_hit.sigma_percent).abs();
-        let size = z_hit.deviation_percent.abs();
         verdict.add(
             grade,
             format!("|Z| is {size:.2} % ({sigmas:.1} σ) {side} what the phase asks for (Z-HIT), as after a change of the cell"),
@@ -176,10 +179,11 @@ fn text(findings: &Findings<'_>, points: &[PointVerdict], band: Option<(f64, f64
             "not valid: the imaginary part has the wrong sign; with the other sign it agrees with Kramers–Kronig".to_owned()
         }
         (None, KkOutcome::Disagrees) => {
+            let worst = findings.kk.points.iter().max_by(|a, b| a.sigmas.total_cmp(&b.sigmas));
+            let named = |w: &KkPoint| format!(", worst at {} Hz with {:.2} % ({:.0} σ)", short(w.freq_hz), w.percent(), w.sigmas);
+            let worst = worst.map_or_else(String::new, named);
             let chi2 = findings.kk.chi2 / findings.kk.dof;
-            format!(
-                "not valid: no ladder that obeys Kramers–Kronig comes within the noise (reduced χ² {chi2:.1}), not even for half of the band"
-            )
+            format!("not valid: it disagrees with Kramers–Kronig over more than single points or one end (reduced χ² {chi2:.1}{worst})")
         }
         (None, _) => "not valid: too many points are bad".to_owned(),
     };
