@@ -22,6 +22,10 @@ Examples:
     eis-bench mock configs/benches/demo.toml --json
   Fit the extended Randles model to spectra from anywhere:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
+  Open-circuit voltage from a slow discharge:
+    eis-bench ocv DISCHARGE.csv --out FOLDER
+  The model from spectra and pulses together:
+    eis-bench joint --spectra CELL*.csv --series PULSES.csv --ocv-from DISCHARGE.csv --out FOLDER
 
 Exit codes:
   0  done
@@ -179,7 +183,7 @@ mod tests {
     fn the_command_line_is_sound_and_its_help_teaches() {
         Cli::command().debug_assert();
         let help = Cli::command().render_long_help().to_string();
-        for text in ["run", "plan", "mock", "identify", "fit", "Examples:", "Exit codes:"] {
+        for text in ["run", "plan", "mock", "identify", "fit", "ocv", "joint", "Examples:", "Exit codes:"] {
             assert!(help.contains(text), "{help}");
         }
     }

@@ -69,6 +69,8 @@ pub struct OrderResult {
 pub struct PulseResult {
     /// What it was used for.
     pub role: Role,
+    /// From its first edge to its second, s.
+    pub length_s: f64,
     /// The model of the spectra alone.
     pub spectra: Gap,
     /// The joint model.
@@ -225,7 +227,8 @@ fn pulses(source: &Source<'_>, (windows, roles): (&[PulseWindow], &[Role]), stud
     let one = |(((window, role), spectra_gap), joint_gap): (((&PulseWindow, &Role), Gap), Gap)| {
         let lines = overlay(window, spectra).into_iter().zip(overlay(window, joint));
         let overlay = lines.map(|((t, measured, a), (_, _, b))| [t, measured, a, b]).collect();
-        PulseResult { role: *role, spectra: spectra_gap, joint: joint_gap, overlay }
+        let length_s = window.pulse.edges_s[1].0 - window.pulse.start_s();
+        PulseResult { role: *role, length_s, spectra: spectra_gap, joint: joint_gap, overlay }
     };
     windows.iter().zip(roles).zip(alone).zip(both).map(one).collect()
 }

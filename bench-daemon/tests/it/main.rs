@@ -7,6 +7,7 @@ mod demo;
 mod fit;
 mod kill;
 mod mock_process;
+mod ocv_joint;
 mod ranging;
 mod support;
 mod verdicts;
