@@ -1,8 +1,8 @@
 //! Captures to sinusoids, sinusoids to impedance, impedance to a battery model. Numbers in, numbers out.
 //!
 //! In reading order: [`sine`] fits sinusoids to samples, [`calibration`] corrects the harness from the control impedances, [`spectrum`] holds
-//! complex impedances with their uncertainty, [`model`] is the extended Randles model (ERM), [`fit`] finds its parameters, [`ocv`] is its voltage at rest, [`pack`] maps a cell
-//! to an SxP pack; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures.
+//! complex impedances with their uncertainty, [`model`] is the extended Randles model (ERM), [`fit`] finds its parameters, [`ocv`] is its voltage at rest, [`joint`] fits it to
+//! spectra and pulses of a [`series`] together, [`pack`] maps a cell to an SxP pack; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures.
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 

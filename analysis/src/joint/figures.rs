@@ -36,8 +36,7 @@ impl Study {
             Panel { aspect: 0.26, ..Panel::new(AxisSpec::linear("Time since the edge / s").between(DRAWN_S.0, DRAWN_S.1), y, traces) }
         };
         let panels = inside.iter().enumerate().map(panel).collect();
-        let subtitle =
-            format!("{name}; voltage less that before the edge; {} RC from spectra alone, {} RC from both", self.spectra_rc, self.rc);
+        let subtitle = format!("{name}: less the voltage before the edge; {} and {} RC", self.spectra_rc, self.rc);
         Chart::new("Pulses measured and predicted", &subtitle, panels)
     }
 
