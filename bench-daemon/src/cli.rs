@@ -28,6 +28,10 @@ Examples:
     eis-bench kk SPECTRUM.csv --drt --out FOLDER
   Run a load profile through a pack of the fitted cells:
     eis-bench simulate --model FOLDER/model_4rc.json --profile POWER.csv --series 16 --parallel 3 --ocv-v 3.72
+  Open-circuit voltage from a slow discharge:
+    eis-bench ocv DISCHARGE.csv --out FOLDER
+  The model from spectra and pulses together:
+    eis-bench joint --spectra CELL*.csv --series PULSES.csv --ocv-from DISCHARGE.csv --out FOLDER
 
 Exit codes:
   0  done
@@ -200,7 +204,7 @@ mod tests {
     fn the_command_line_is_sound_and_its_help_teaches() {
         Cli::command().debug_assert();
         let help = Cli::command().render_long_help().to_string();
-        for text in ["run", "plan", "mock", "identify", "fit", "simulate", "Examples:", "Exit codes:"] {
+        for text in ["run", "plan", "mock", "identify", "fit", "kk", "ocv", "joint", "simulate", "pack", "sop", "Examples:", "Exit codes:"] {
             assert!(help.contains(text), "{help}");
         }
     }

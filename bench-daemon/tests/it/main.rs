@@ -9,6 +9,7 @@ mod fit;
 mod fit_circuit;
 mod kill;
 mod mock_process;
+mod ocv_joint;
 mod ranging;
 mod simulate;
 mod support;
