@@ -32,6 +32,9 @@ Examples:
     eis-bench ocv DISCHARGE.csv --out FOLDER
   The model from spectra and pulses together:
     eis-bench joint --spectra CELL*.csv --series PULSES.csv --ocv-from DISCHARGE.csv --out FOLDER
+  What a pack can give and take, and for how long:
+    eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015
+    eis-bench sop --model FOLDER/model_4rc.json --series 16 --parallel 3 --ocv-v 3.6
 
 Exit codes:
   0  done
@@ -204,7 +207,8 @@ mod tests {
     fn the_command_line_is_sound_and_its_help_teaches() {
         Cli::command().debug_assert();
         let help = Cli::command().render_long_help().to_string();
-        for text in ["run", "plan", "mock", "identify", "fit", "kk", "ocv", "joint", "simulate", "pack", "sop", "Examples:", "Exit codes:"] {
+        for text in ["run", "plan", "mock", "identify", "fit", "kk", "ocv", "joint", "simulate", "pack", "sop", "Examples:", "Exit codes:"]
+        {
             assert!(help.contains(text), "{help}");
         }
     }
