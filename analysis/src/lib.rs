@@ -3,7 +3,7 @@
 //! In reading order: [`sine`] fits sinusoids to samples, [`calibration`] corrects the harness from the control impedances, [`spectrum`] holds
 //! complex impedances with their uncertainty, [`model`] is the extended Randles model (ERM), [`fit`] finds its parameters, [`ocv`] is its voltage at rest, [`pack`] maps a cell
 //! to an SxP pack, [`forward`] simulates
-//! a cell or a pack under a load; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures.
+//! a cell or a pack under a load, [`sop`] asks for the most power that can be held; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures.
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 
