@@ -1,6 +1,7 @@
 //! What the command line does, one file per command.
 
 pub mod fit;
+pub mod fit_more;
 pub mod identify;
 pub mod mock;
 pub mod plan;
