@@ -180,7 +180,7 @@ impl<'a> Walk<'a> {
     fn name(&self, held: Held, fit: &ErmFit) -> (String, &'static str) {
         match held {
             Held::DcResistance => ("DC resistance".to_owned(), "Ω"),
-            Held::Parameter(i) => (fit.erm.parameter_names()[i].clone(), if i > 0 && i % 2 == 0 { "F" } else { "Ω" }),
+            Held::Parameter(i) => (fit.erm.parameter_names()[i].clone(), if i > 0 && i.is_multiple_of(2) { "F" } else { "Ω" }),
         }
     }
 

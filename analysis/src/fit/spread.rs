@@ -8,7 +8,7 @@ use crate::spectrum::Spectrum;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Typical relative uncertainty in one sweep above which a parameter's spread says nothing of the cells.
+/// Relative uncertainty of one sweep, stated or shown by repeats, above which a parameter's spread says nothing of the cells.
 const UNIDENTIFIED: f64 = 0.5;
 
 /// One quantity over all cells and sweeps.
@@ -100,13 +100,16 @@ fn quantity(fits: &[Vec<ErmFit>], i: usize, dc: usize, name: String) -> Option<Q
     let mut sigmas: Vec<f64> = fits.iter().flatten().map(relative).collect();
     sigmas.sort_by(f64::total_cmp);
     let median = sigmas[sigmas.len() / 2];
-    let unit = if i != dc && i > 0 && i % 2 == 0 { "F" } else { "Ω" };
+    let unit = if i != dc && i > 0 && i.is_multiple_of(2) { "F" } else { "Ω" };
+    let spread = components(&fits.iter().map(|g| g.iter().map(value).collect()).collect::<Vec<_>>())?;
+    // What a single fit states may be too good where its minimum is flat: the repeats have a say as well.
+    let repeats = spread.within.is_none_or(|within| within <= UNIDENTIFIED * spread.mean);
     Some(QuantitySpread {
         name,
         unit: unit.to_owned(),
-        spread: components(&fits.iter().map(|g| g.iter().map(value).collect()).collect::<Vec<_>>())?,
+        spread,
         fitted_relative_sigma: median.is_finite().then_some(median),
-        identified: median <= UNIDENTIFIED,
+        identified: median <= UNIDENTIFIED && repeats,
     })
 }
 

@@ -21,7 +21,7 @@ pub(crate) fn normal_tail(z: f64) -> f64 {
 
 /// The factor t with P(|T| ≤ t) = `level` for Student's distribution, by bisection; infinite for no degrees of freedom.
 pub(crate) fn t_factor(level: f64, freedom: f64) -> f64 {
-    if !(freedom > 0.0) {
+    if freedom.is_nan() || freedom <= 0.0 {
         return f64::INFINITY;
     }
     let (mut lo, mut hi) = (0.0f64, 1e6f64);

@@ -122,7 +122,17 @@ pub(super) fn print_selection(selection: &OrderSelection) {
     let plural = |n: usize, one: &str| if n == 1 { format!("1 {one}") } else { format!("{n} {one}s") };
     say!("  order: {}, {}, every cell fitted on its own with its repeats as noise", plural(*cells, "cell"), plural(*sweeps, "sweep"));
     say!("    RC          χ²       AICc   F-test p    lag 1  whiteness p  lack of fit p  left-out cell");
-    let p = |p: Option<f64>| p.map_or("–".to_owned(), |p| if p < 1e-4 { format!("{p:.0e}") } else { format!("{p:.4}") });
+    let p = |p: Option<f64>| {
+        p.map_or("–".to_owned(), |p| {
+            if p < 1e-99 {
+                "<1e-99".to_owned()
+            } else if p < 1e-4 {
+                format!("{p:.0e}")
+            } else {
+                format!("{p:.4}")
+            }
+        })
+    };
     for OrderRow { rc, chi2, aicc, f_test_p, lag1, whiteness_p, lack_of_fit_p, left_out_cell, .. } in &selection.rows {
         let mark = if *rc == selection.recommended { "→" } else { " " };
         let lag = lag1.map_or("–".to_owned(), |l| format!("{l:.2}"));
@@ -240,37 +250,40 @@ fn print_profiles(rc: usize, profiles: &[Profile]) {
     }
 }
 
-/// Δχ² over the value relative to the fitted one, with the limits of both levels.
+/// Δχ² over the value relative to the fitted one, resistances above capacitances, with the limits of both levels.
 fn profile_chart(title: &str, profiles: &[Profile]) -> Chart {
-    let (limit_68, limit_95) = profiles.first().map_or((1.0, 3.84), |p| p.limits);
-    let most = 1.5 * limit_95;
-    let relative = |p: &Profile| p.curve.iter().map(|(v, rise)| (v / p.value, *rise)).collect::<Vec<_>>();
-    // The piece of a curve that leaves the frame is cut where it leaves.
-    let inside = |points: Vec<(f64, f64)>| {
-        let mut kept: Vec<(f64, f64)> = Vec::new();
-        for pair in points.windows(2) {
-            let cut = |a: (f64, f64), b: (f64, f64)| (a.0 + (b.0 - a.0) * (most - a.1) / (b.1 - a.1), most);
-            match (pair[0].1 <= most, pair[1].1 <= most) {
-                (true, true) => kept.push(pair[0]),
-                (true, false) => kept.extend([pair[0], cut(pair[0], pair[1])]),
-                (false, true) => kept.push(cut(pair[1], pair[0])),
-                (false, false) => {}
-            }
-        }
-        kept.extend(points.last().filter(|p| p.1 <= most));
-        kept
-    };
+    let (resistances, capacitances): (Vec<&Profile>, Vec<&Profile>) = profiles.iter().partition(|p| p.unit == "Ω");
+    let panels = [resistances, capacitances].into_iter().filter(|of| !of.is_empty()).enumerate();
+    Chart::new(
+        title,
+        "One quantity held, the others fitted again; what stays below a dashed line is not bounded",
+        panels.map(|(k, of)| profile_panel(&of, k == 0)).collect(),
+    )
+}
+
+fn profile_panel(profiles: &[&Profile], limits_named: bool) -> Panel {
+    let limits = profiles.first().map_or((1.0, 3.84), |p| p.limits);
+    let most = 1.5 * limits.1;
     let mut traces: Vec<Trace> =
-        profiles.iter().enumerate().map(|(k, p)| Trace::new(&p.name, k, TraceStyle::Line, inside(relative(p)))).collect();
+        profiles.iter().enumerate().map(|(k, p)| Trace::new(&p.name, k, TraceStyle::Line, smooth_curve(p, most))).collect();
     let xs = || traces.iter().flat_map(|t| &t.points).map(|p| p.0);
     let (low, high) = (xs().fold(1.0, f64::min), xs().fold(1.0, f64::max));
-    for (label, limit) in [("68 %", limit_68), ("95 %", limit_95)] {
-        traces.push(Trace::new(label, profiles.len(), TraceStyle::Dashed, vec![(low, limit), (high, limit)]));
+    for (label, limit) in [("68 %", limits.0), ("95 %", limits.1)] {
+        traces.push(Trace::new(if limits_named { label } else { "" }, 6, TraceStyle::Dashed, vec![(low, limit), (high, limit)]));
     }
-    let wide = high / low > 5.0;
     let name = "Value / fitted value";
-    let x = if wide { AxisSpec::logarithmic(name) } else { AxisSpec::linear(name) };
-    let subtitle =
-        "Rise of χ² with one quantity held and the others fitted again; a curve that stays below the dashed line is not bounded there";
-    Chart::new(title, subtitle, vec![Panel { aspect: 0.5, ..Panel::new(x, AxisSpec::linear("Δχ²").between(0.0, most), traces) }])
+    let x = if high / low > 5.0 { AxisSpec::logarithmic(name) } else { AxisSpec::linear(name) };
+    Panel::new(x, AxisSpec::linear("Δχ²").between(0.0, most), traces)
+}
+
+/// The curve between its points, straight in the signed root of Δχ², as far as it is inside the frame.
+fn smooth_curve(profile: &Profile, most: f64) -> Vec<(f64, f64)> {
+    const BETWEEN: i32 = 12;
+    let signed = |p: &(f64, f64)| (p.0 / profile.value, (p.0 - profile.value).signum() * p.1.sqrt());
+    let points: Vec<(f64, f64)> = profile.curve.iter().map(signed).collect();
+    let between = |w: &[(f64, f64)]| {
+        let (a, b) = (w[0], w[1]);
+        (0..=BETWEEN).map(move |k| f64::from(k) / f64::from(BETWEEN)).map(move |t| (a.0 + t * (b.0 - a.0), (a.1 + t * (b.1 - a.1)).powi(2)))
+    };
+    points.windows(2).flat_map(between).filter(|p| p.1 <= most).collect()
 }

@@ -1,5 +1,7 @@
 //! The thesis' own 25 sweeps against its appendix A.
 
+use crate::fit::local::Smooth;
+use crate::fit::problem::Problem;
 use crate::fit::{FitOptions, Objective, fit_erm};
 use crate::formats::read_unbiased_cells;
 use crate::spectrum::Spectrum;
@@ -29,7 +31,10 @@ fn appendix_a_comes_out_of_the_default_start() {
     for (i, (objective, parameters)) in expected().into_iter().enumerate() {
         let fit = fit_erm(&sweeps, &FitOptions { rc: i + 1, ..FitOptions::default() }).unwrap();
         assert!((fit.objective - objective).abs() < 5e-6, "{} RC: expected {objective} Ω, met {} Ω", i + 1, fit.objective);
-        let tolerance = [1e-3, 1e-3, 1e-3, 5e-3][i];
+        // The appendix' search stopped a little above the bottom, where the values with three branches are 0.25 % off: see the value there.
+        let tolerance = [1e-3, 1e-3, 2.6e-3, 5e-3][i];
+        let logarithms: Vec<f64> = parameters.iter().map(|p| p.ln()).collect();
+        assert!(Problem::new(&sweeps, Objective::SumAbs).value(&logarithms) > fit.objective);
         let met: Vec<f64> = fit.erm.log_parameters().iter().map(|x| x.exp()).collect();
         assert_eq!(met.len(), parameters.len());
         for ((name, met), expected) in fit.erm.parameter_names().iter().zip(&met).zip(&parameters) {
