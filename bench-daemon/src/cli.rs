@@ -147,8 +147,8 @@ pub struct FitArgs {
     /// One fit over all spectra instead of one for each.
     #[arg(long)]
     pub pool: bool,
-    /// Orders: a number of RC pairs, several with commas, or `all` for 1 to 4.
-    #[arg(long, default_value = "all", value_name = "N|all")]
+    /// Orders: a number of RC pairs, several with commas, `all` for 1 to 4, or `auto` for the one that the data bear.
+    #[arg(long, default_value = "all", value_name = "N|all|auto")]
     pub rc: String,
     /// What is minimised: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only) or `complex` (least squares).
     #[arg(long, default_value = "complex")]
@@ -162,6 +162,9 @@ pub struct FitArgs {
     /// Write models, plots and a report into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Order, uncertainty and search in depth.
+    #[command(flatten)]
+    pub more: command::fit_more::MoreArgs,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,

@@ -63,6 +63,7 @@ pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
     let circuit: Circuit = text.parse().map_err(|error| Failure::Usage(format!("--circuit: {error}")))?;
     let options = options(args, &circuit)?;
     let (cells, _) = read(args)?;
+    let cells: Vec<Spectrum> = cells.into_iter().map(|sourced| sourced.spectrum).collect();
     let groups: Vec<(String, Vec<Spectrum>)> = if args.pool {
         vec![("pooled".to_owned(), cells)]
     } else {
