@@ -28,8 +28,8 @@ mod verdict;
 mod warnings;
 mod whiteness;
 
-pub use circuit::{CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit};
 pub use cells::{CellSweeps, Components, FrequencySpread, components, frequency_spread};
+pub use circuit::{CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit};
 pub use erm::{ErmFit, fit_erm, fit_erm_from};
 pub use global::{Columns, DeOptions, Evolution, Member, Strategy, differential_evolution};
 pub use json::{FitEntry, FitReport, JointProvenance, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile, PackModel};
@@ -39,8 +39,8 @@ pub use options::{Bounds, FitError, FitOptions, MAX_RC, Objective};
 pub use order::{OrderOptions, OrderRow, OrderSelection, select_order};
 pub use profile::{Interval, Profile, profiles};
 pub use rng::Rng;
-pub(crate) use uncertainty::sigma_of;
 pub use spread::{CellSpread, ParameterSpread, QuantitySpread, cell_spread};
+pub(crate) use uncertainty::sigma_of;
 pub use uncertainty::{ErmSigma, RcSigma};
 
 #[cfg(test)]
