@@ -271,7 +271,8 @@ fn profile_panel(profiles: &[&Profile], limits_named: bool) -> Panel {
     for (label, limit) in [("68 %", limits.0), ("95 %", limits.1)] {
         traces.push(Trace::new(if limits_named { label } else { "" }, 6, TraceStyle::Dashed, vec![(low, limit), (high, limit)]));
     }
-    let name = "Value / fitted value";
+    // Two names, for the panels have ranges of their own.
+    let name = if limits_named { "Resistance / fitted value" } else { "Capacitance / fitted value" };
     let x = if high / low > 5.0 { AxisSpec::logarithmic(name) } else { AxisSpec::linear(name) };
     Panel::new(x, AxisSpec::linear("Δχ²").between(0.0, most), traces)
 }
