@@ -20,9 +20,10 @@ pub(super) const MOST_AUTO: usize = 6;
 /// Arguments of `fit` beyond the fit itself.
 #[derive(Debug, clap::Args)]
 pub struct MoreArgs {
-    /// More descents from random time constants, beside those of the global search.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub starts: usize,
+    /// More descents from random time constants, beside those of the global search; with --circuit the most starts of the search, which ends
+    /// earlier when several agree [default: 0; with --circuit 64]
+    #[arg(long, value_name = "N")]
+    pub starts: Option<usize>,
     /// Repeat every search with so many seeds: how many reach the best optimum, and which other minima there are.
     #[arg(long, value_name = "N")]
     pub seeds: Option<u64>,
