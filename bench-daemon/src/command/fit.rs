@@ -73,8 +73,8 @@ fn fit_group(
     let mut fits = Vec::new();
     for &rc in orders.unwrap_or(&chosen) {
         let options = FitOptions { rc, objective, seed: args.seed, bounds: Bounds::for_spectra(&spectra) };
-        let fit =
-            fit_erm_from(&spectra, &options, args.more.starts.unwrap_or(0)).map_err(|error| Failure::Usage(format!("{name}, {rc} RC: {error}")))?;
+        let fit = fit_erm_from(&spectra, &options, args.more.starts.unwrap_or(0))
+            .map_err(|error| Failure::Usage(format!("{name}, {rc} RC: {error}")))?;
         if !fit.objective.is_finite() {
             return Err(Failure::Usage(format!("{name}, {rc} RC: expected impedances that can be squared, found too large ones")));
         }

@@ -1,10 +1,5 @@
-//! How long fits take and how surely they end at the optimum. Run: `cargo bench -p analysis --bench fit [-- --json] [--seeds N]`.
-//!
-//! Every figure is the median time of a whole fit (search, polish, covariance, other minima) on one thread. "At the optimum" counts seeds whose objective is within 1e-6 of the best of all seeds; the data of the simulated sweeps differ
-//! from seed to seed, there the best comes from eight further seeds of the search.
-
-// A benchmark measures time: the one place of this crate that may look at the machine's clock.
-#![allow(clippy::disallowed_methods, clippy::unwrap_used)]
+//! How long global fits of the ERM take and how surely they end at the optimum. "At the optimum" counts seeds whose objective is within 1e-6 of the
+//! best of all seeds; the data of the simulated sweeps differ from seed to seed, there the best comes from eight further seeds of the search.
 
 use analysis::fit::{FitOptions, Objective, Rng, fit_erm};
 use analysis::formats::read_unbiased_cells;
@@ -13,44 +8,24 @@ use num_complex::Complex64;
 use std::path::Path;
 use std::time::Instant;
 
+use crate::{Row, Unit};
+
 /// Appendix A's four branches, by rising time constant: R, then (R, C).
 const CELL: (f64, [(f64, f64); 4]) =
     (0.006_428_63, [(0.001_509_24, 0.552_812), (0.000_662_797, 6.979_85), (0.000_404_066, 663.817), (0.004_774_06, 1_084.24)]);
 
-struct Row {
-    name: String,
-    seconds: f64,
-    at_optimum: Option<(usize, usize)>,
-}
+const SEEDS: u64 = 1000;
+const POOLED_SEEDS: u64 = 60;
 
-fn main() {
-    let arguments: Vec<String> = std::env::args().collect();
-    let seeds = arguments.iter().position(|a| a == "--seeds").and_then(|i| arguments.get(i + 1)?.parse().ok()).unwrap_or(50);
+/// The figures.
+pub(crate) fn rows() -> Vec<Row> {
     let table = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
     let sweeps = read_unbiased_cells(&table).unwrap();
-    let mut rows = Vec::new();
-    for objective in [Objective::Complex, Objective::SumAbs, Objective::Modulus] {
-        rows.push(simulated(objective, seeds));
-    }
-    for objective in [Objective::Complex, Objective::SumAbs, Objective::Modulus] {
-        for rc in [1, 2, 3, 4] {
-            rows.push(pooled(&sweeps, rc, objective, seeds));
-        }
-    }
-    for row in rows {
-        print(&row, arguments.iter().any(|a| a == "--json"));
-    }
-}
-
-fn print(row: &Row, json: bool) {
-    let fraction = row.at_optimum.map(|(met, of)| met as f64 / of as f64);
-    if json {
-        let fraction = fraction.map_or("null".to_owned(), |f| f.to_string());
-        println!("{{\"name\":\"{}\",\"seconds\":{:e},\"fraction_at_optimum\":{fraction}}}", row.name, row.seconds);
-    } else {
-        let at = row.at_optimum.map_or(String::new(), |(met, of)| format!("{met} of {of} at the optimum"));
-        println!("{:<52} {:>10.3} ms   {at}", row.name, row.seconds * 1e3);
-    }
+    let one_core = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let objectives = [Objective::SumAbs, Objective::Complex, Objective::Modulus];
+    let simulated = objectives.map(|objective| one_core.install(|| simulated(objective, SEEDS)));
+    let pooled = [1, 2, 3, 4].map(|rc| one_core.install(|| pooled(&sweeps, rc, Objective::SumAbs, POOLED_SEEDS)));
+    simulated.into_iter().chain(pooled).collect()
 }
 
 /// One sweep of 20 points with 0.5 % noise per seed, 4 RC.
@@ -66,8 +41,9 @@ fn simulated(objective: Objective, seeds: u64) -> Row {
         let best = (0..8).map(|k| fit_erm(&data, &options(seeds + k)).unwrap().objective).fold(value, f64::min);
         met += usize::from(value <= best * (1.0 + 1e-6));
     }
-    let name = format!("global fit, 4 RC, 20 points, {objective}");
-    Row { name, seconds: median(seconds), at_optimum: Some((met, seeds as usize)) }
+    let work = if objective == Objective::Modulus { "" } else { "fit-global-4rc" };
+    Row::new(work, &format!("global fit, 4 RC, 20 points, {objective}"), median(seconds), Unit::Seconds)
+        .noted(format!("{met} of {seeds} at the optimum"))
 }
 
 /// All real sweeps, another seed of the search each time.
@@ -81,11 +57,8 @@ fn pooled(sweeps: &[Spectrum], rc: usize, objective: Objective, seeds: u64) -> R
     }
     let best = values.iter().copied().fold(f64::INFINITY, f64::min);
     let met = values.iter().filter(|v| **v <= best * (1.0 + 1e-6)).count();
-    Row {
-        name: format!("global fit, {rc} RC, 25 real sweeps pooled, {objective}"),
-        seconds: median(seconds),
-        at_optimum: Some((met, seeds as usize)),
-    }
+    Row::new("", &format!("global fit, {rc} RC, 25 real sweeps pooled, {objective}"), median(seconds), Unit::Seconds)
+        .noted(format!("{met} of {seeds} at the optimum"))
 }
 
 /// Of the fits' times: a machine that does other work now and then does not count.
