@@ -1,8 +1,9 @@
 //! The ladder of the linear Kramers–Kronig test: R, L and C in series with RC elements of fixed time constants and free resistances of either
 //! sign, fitted by weighted linear least squares (Boukamp, J. Electrochem. Soc. 142 (1995) 1885).
 //!
-//! Solved by modified Gram–Schmidt, which gives the leverage of every point along with the residual. All memory is taken once; the orders that are tried share the columns
-//! that they have in common. Knows no verdict.
+//! Solved by modified Gram–Schmidt, which gives the leverage of every point along with the residual, on the machine's widest vectors but without fused
+//! operations, so that the digits are everywhere the same. All memory is taken once; the orders that are tried share the columns that they have in
+//! common. Knows no verdict.
 
 use num_complex::Complex64;
 
@@ -37,6 +38,8 @@ pub(super) struct Ladder {
     q: Vec<f64>,
     /// Upper triangle, column after column, each of the full width.
     r: Vec<f64>,
+    /// Squared length of each column before it was made orthogonal.
+    sizes: Vec<f64>,
     projections: Vec<f64>,
     residual: Vec<f64>,
     /// Residual after the columns that all orders share.
@@ -62,6 +65,7 @@ impl Ladder {
             tau_range_s,
             q: vec![0.0; rows * width],
             r: vec![0.0; width * width],
+            sizes: vec![0.0; width],
             projections: vec![0.0; width],
             residual: vec![0.0; rows],
             shared_residual: vec![0.0; rows],
@@ -82,40 +86,61 @@ impl Ladder {
             re[k] = w.a * z.re;
             im[k] = w.b * z.re + w.c * z.im;
         }
-        self.columns = 0;
-        self.push(|_| (1.0, 0.0));
-        self.push(|omega| (0.0, omega));
-        self.push(|omega| (0.0, -1.0 / omega));
-        self.push_rc(self.tau_range_s.0);
-        self.push_rc(self.tau_range_s.1);
-        self.shared_residual.copy_from_slice(&self.residual);
+        pulp::Arch::new().dispatch(Shared(self));
     }
 
     /// Solves with `order` RC elements, at least two.
     pub(super) fn solve(&mut self, order: usize) {
-        self.columns = SERIES + 2;
+        pulp::Arch::new().dispatch(Whole(self, order.min(self.width - SERIES)));
+    }
+
+    /// Makes the columns that all orders share orthonormal, and takes their part out of the residual.
+    #[inline(always)]
+    fn prepare(&mut self) {
+        self.write(0, |_| (1.0, 0.0));
+        self.write(1, |omega| (0.0, omega));
+        self.write(2, |omega| (0.0, -1.0 / omega));
+        self.write_rc(3, self.tau_range_s.0);
+        self.write_rc(4, self.tau_range_s.1);
+        for k in 0..SHARED {
+            self.finish(k);
+            self.take_out(k, (k + 1, SHARED));
+        }
+        self.shared_residual.copy_from_slice(&self.residual);
+    }
+
+    #[inline(always)]
+    fn solve_whole(&mut self, order: usize) {
         self.residual.copy_from_slice(&self.shared_residual);
+        self.columns = SERIES + order;
         let (first, last) = self.tau_range_s;
         let step = (last / first).powf(1.0 / (order as f64 - 1.0));
         let mut tau_s = first;
-        for _ in 2..order.min(self.width - SERIES) {
+        for column in SHARED..self.columns {
             tau_s *= step;
-            self.push_rc(tau_s);
+            self.write_rc(column, tau_s);
+        }
+        for k in 0..self.columns {
+            if k >= SHARED {
+                self.finish(k);
+            }
+            self.take_out(k, (SHARED.max(k + 1), self.columns));
         }
     }
 
-    fn push_rc(&mut self, tau_s: f64) {
-        self.push(|omega| {
+    #[inline(always)]
+    fn write_rc(&mut self, column: usize, tau_s: f64) {
+        self.write(column, |omega| {
             let x = omega * tau_s;
             let re = 1.0 / (1.0 + x * x);
             (re, -x * re)
         });
     }
 
-    /// Adds a column: orthogonalises it against those before and takes its part out of the residual.
-    fn push(&mut self, element: impl Fn(f64) -> (f64, f64)) {
-        let (before, rest) = self.q.split_at_mut(self.columns * self.rows);
-        let column = &mut rest[..self.rows];
+    /// Writes an element's column, weighted, with its row that holds it near zero.
+    #[inline(always)]
+    fn write(&mut self, index: usize, element: impl Fn(f64) -> (f64, f64)) {
+        let column = &mut self.q[index * self.rows..(index + 1) * self.rows];
         let (upper, lower) = column.split_at_mut(self.points);
         for (((omega, w), upper), lower) in self.omega.iter().zip(&self.whiten).zip(upper).zip(&mut *lower) {
             let (re, im) = element(*omega);
@@ -123,26 +148,40 @@ impl Ladder {
             *lower = w.b * re + w.c * im;
         }
         lower[self.points..].fill(0.0);
-        if self.columns >= SERIES {
-            lower[self.points + self.columns - SERIES] = self.restraint_per_ohm;
+        if index >= SERIES {
+            lower[self.points + index - SERIES] = self.restraint_per_ohm;
         }
-        let size = dot(column, column);
-        let triangle = &mut self.r[self.columns * self.width..];
-        for (k, q) in before.chunks_exact(self.rows).enumerate() {
-            let projection = dot(q, column);
-            subtract(column, projection, q);
-            triangle[k] = projection;
-        }
+        self.sizes[index] = dot(column, column);
+    }
+
+    /// Makes a column that is orthogonal to those before one of length one, and takes its part out of the residual.
+    #[inline(always)]
+    fn finish(&mut self, index: usize) {
+        let column = &mut self.q[index * self.rows..(index + 1) * self.rows];
         let left = dot(column, column);
         // What the columns before can make already adds nothing but rounding.
-        let norm = if left > DEPENDENT * size { left.sqrt() } else { f64::INFINITY };
+        let norm = if left > DEPENDENT * self.sizes[index] { left.sqrt() } else { f64::INFINITY };
         let inverse = 1.0 / norm;
         column.iter_mut().for_each(|v| *v *= inverse);
-        triangle[self.columns] = norm;
+        self.r[index * self.width + index] = norm;
         let projection = dot(column, &self.residual);
         subtract(&mut self.residual, projection, column);
-        self.projections[self.columns] = projection;
-        self.columns += 1;
+        self.projections[index] = projection;
+    }
+
+    /// Takes a finished column's part out of those of a range after it. They do not depend on each other, which keeps the machine's lanes busy.
+    #[inline(always)]
+    fn take_out(&mut self, index: usize, (from, to): (usize, usize)) {
+        // Further rows are zero: those that hold later elements near zero.
+        let length = (2 * self.points + (index + 1).saturating_sub(SERIES)).next_multiple_of(LANES).min(self.rows);
+        let (before, after) = self.q.split_at_mut(from * self.rows);
+        let finished = &before[index * self.rows..][..length];
+        for (column, j) in after.chunks_exact_mut(self.rows).zip(from..to) {
+            let column = &mut column[..length];
+            let projection = dot(finished, column);
+            subtract(column, projection, finished);
+            self.r[j * self.width + index] = projection;
+        }
     }
 
     /// Weighted sum of the points' squared residuals.
@@ -246,10 +285,37 @@ impl Ladder {
     }
 }
 
+/// [`Ladder::prepare`] as something to dispatch. A closure would not be inlined into the function that has the machine's vectors.
+struct Shared<'l>(&'l mut Ladder);
+
+impl pulp::WithSimd for Shared<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        self.0.prepare();
+    }
+}
+
+/// [`Ladder::solve_whole`] with its order.
+struct Whole<'l>(&'l mut Ladder, usize);
+
+impl pulp::WithSimd for Whole<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        self.0.solve_whole(self.1);
+    }
+}
+
+/// Columns that all orders share: the series elements and the outermost RC elements.
+const SHARED: usize = SERIES + 2;
 const LANES: usize = 8;
 /// Squared share of a column that must be its own.
 const DEPENDENT: f64 = 1e-18;
 
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; LANES];
     for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
@@ -260,6 +326,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]))
 }
 
+#[inline(always)]
 fn subtract(from: &mut [f64], factor: f64, what: &[f64]) {
     for (from, what) in from.iter_mut().zip(what) {
         *from -= factor * what;

@@ -19,7 +19,7 @@ pub use assess::{Assessed, Assessment, Record, assess};
 pub use kramers_kronig::{FEWEST_POINTS, KkOutcome, KkPoint, KramersKronig, kramers_kronig};
 pub use linearity::{Harmonic, Linearity, LinearityPoint, linearity};
 pub use noise::{FEWEST_REPEATS, Noise, NoiseSource};
-pub use stationarity::{Drift, Stationarity, StationarityPoint, stationarity};
+pub use stationarity::{Drift, DriftShape, Stationarity, StationarityPoint, stationarity};
 pub use verdict::{Grade, PointVerdict, SpectrumVerdict};
 pub use z_hit::{ZHit, ZHitPoint, z_hit};
 

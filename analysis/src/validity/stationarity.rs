@@ -125,19 +125,36 @@ fn correct(points: &mut [StationarityPoint]) {
     }
 }
 
-/// Drift of a channel's offset within a record.
+/// Drift of a channel's offset within a record, as far as the fit of the sine did not take it out.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Drift {
-    /// Change of the offset over the record, relative to the amplitude.
+    /// Change of the offset, relative to the amplitude: over the record for a ramp, from its middle to its ends for a bend.
     pub over_amplitude: f64,
     /// Periods in the record.
     pub periods: f64,
+    /// How it goes.
+    pub shape: DriftShape,
+}
+
+/// What a fit left of a drift.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DriftShape {
+    /// A straight line: the sine was fitted without a trend.
+    Ramp,
+    /// A parabola: the sine was fitted with a straight line.
+    Bend,
 }
 
 impl Drift {
-    /// Largest error that the drift gives to Z if the sine was fitted without a trend, %: a ramp of height d has the Fourier coefficient d/(πn) at
-    /// its n-th harmonic.
+    /// Largest error that the drift gives to Z, %: the Fourier coefficient at the n-th harmonic of the record, d/(πn) of a ramp of height d and
+    /// 4d/(πn)² of a parabola that bends by d.
     pub fn error_percent(&self) -> f64 {
-        100.0 * self.over_amplitude.abs() / (PI * self.periods)
+        let turn = PI * self.periods;
+        100.0
+            * match self.shape {
+                DriftShape::Ramp => self.over_amplitude.abs() / turn,
+                DriftShape::Bend => 4.0 * self.over_amplitude.abs() / (turn * turn),
+            }
     }
 }

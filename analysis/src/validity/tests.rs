@@ -164,6 +164,29 @@ fn a_spike_is_named_and_the_others_are_believed() {
 }
 
 #[test]
+fn a_small_spike_is_caught_by_its_own_point() {
+    // 1.4 % is 7 σ of one part: among 114 parts that hardly moves the sum of all, which has a standard deviation of some 13.
+    let mut noise = Noisy::new(28);
+    let spike: Fault = |k, z| if k == 28 { z * 1.014 } else { z };
+    let (mut named, mut hidden_from_the_sum) = (0, 0);
+    for _ in 0..100 {
+        let cell = any_cell(&mut noise);
+        let spectrum = measured(&grid(57, 0.01, 1e4), cell, Bench { sigma: 2e-3, stated: true }, (&mut noise, spike));
+        let found = assess(std::slice::from_ref(&spectrum), &[]).unwrap().spectra.remove(0);
+        let (kk, point) = (&found.kramers_kronig, &found.verdict.points[28]);
+        let alone = kk.outcome == KkOutcome::SinglePoints && (0..57).all(|k| kk.points[k].left_out == (k == 28));
+        let reason = format!("disagrees with Kramers–Kronig by {:.2} % ({:.1} σ)", kk.points[28].percent(), kk.points[28].sigmas);
+        let said = point.grade == Grade::Bad && point.reasons == [reason.clone()] && found.verdict.text.contains(&reason);
+        named += u32::from(alone && said && (0.4..2.6).contains(&kk.points[28].percent()));
+        // With the spike's square put back, the sum over the others' degrees of freedom and its two is still no rare one (99.7 % point, Wilson and Hilferty).
+        let (sum, dof) = (kk.chi2 + kk.points[28].sigmas.powi(2), kk.dof + 2.0);
+        hidden_from_the_sum += u32::from(sum < dof * (1.0 - 2.0 / (9.0 * dof) + 2.748 * (2.0 / (9.0 * dof)).sqrt()).powi(3));
+    }
+    assert!(named >= 80, "{named} of 100");
+    assert!(hidden_from_the_sum >= 40, "the sum of all sees {} of 100 by itself", 100 - hidden_from_the_sum);
+}
+
+#[test]
 fn clipping_is_caught() {
     // The voltage cannot exceed that of 8 mΩ.
     let verdicts = caught(1e-3, |_, z| z * (8e-3 / z.norm()).min(1.0));
@@ -228,7 +251,7 @@ fn harmonics_tell_the_error_of_a_polynomial() {
 #[test]
 fn drift_in_a_record_is_worth_what_was_measured() {
     for (periods, percent) in [(1.0, 0.32), (5.0, 0.064)] {
-        assert!((Drift { over_amplitude: 0.01, periods }.error_percent() / percent - 1.0).abs() < 0.01);
+        assert!((Drift { over_amplitude: 0.01, periods, shape: DriftShape::Ramp }.error_percent() / percent - 1.0).abs() < 0.01);
     }
     let mut noise = Noisy::new(26);
     let cell = any_cell(&mut noise);
@@ -236,13 +259,57 @@ fn drift_in_a_record_is_worth_what_was_measured() {
     let record = |drift, ratio| Record {
         freq_hz: spectrum.points[4].freq_hz,
         harmonics: vec![Harmonic { order: 3, ratio, sigma: 1e-4 }],
-        drift: Some(Drift { over_amplitude: drift, periods: 5.0 }),
+        drift: Some(Drift { over_amplitude: drift, periods: 5.0, shape: DriftShape::Ramp }),
     };
     let verdict = |record| assess(std::slice::from_ref(&spectrum), &[record]).unwrap().spectra.remove(0).verdict.points[4].clone();
     assert_eq!(verdict(record(0.01, 1e-4)).grade, Grade::Good);
     assert_eq!(verdict(record(0.1, 1e-4)).reasons, ["the offset drifts within the record: Z may be off by 0.6 %"]);
     let both = verdict(record(0.01, 0.005));
     assert_eq!((both.grade, both.reasons[0].as_str()), (Grade::Bad, "harmonic 3 of 0.50 %: not linear, Z may be off by 1.5 %"));
+}
+
+/// The verdict on the point of a good spectrum whose record shows this.
+fn by_record(harmonics: Vec<Harmonic>, drift: Option<Drift>) -> PointVerdict {
+    let mut noise = Noisy::new(26);
+    let cell = any_cell(&mut noise);
+    let spectrum = measured(&thesis_grid(), cell, Bench { sigma: 2e-3, stated: true }, (&mut noise, NONE));
+    let record = Record { freq_hz: spectrum.points[4].freq_hz, harmonics, drift };
+    assess(std::slice::from_ref(&spectrum), &[record]).unwrap().spectra.remove(0).verdict.points[4].clone()
+}
+
+#[test]
+fn a_record_is_doubted_from_0_3_percent_and_bad_from_1_percent() {
+    // A ramp of d amplitudes over five periods puts d/(5π) into the fundamental: 0.3 % for 0.0471, 1 % for 0.1571. A parabola that bends by d puts
+    // 4d/(25π²) there: 0.3 % for 0.1851, 1 % for 0.6169.
+    let ramp = |over_amplitude| by_record(Vec::new(), Some(Drift { over_amplitude, periods: 5.0, shape: DriftShape::Ramp })).grade;
+    assert_eq!([0.0465, 0.0477, 0.155, 0.159].map(ramp), [Grade::Good, Grade::Doubtful, Grade::Doubtful, Grade::Bad]);
+    assert_eq!([-0.0465, -0.0477, -0.155, -0.159].map(ramp), [Grade::Good, Grade::Doubtful, Grade::Doubtful, Grade::Bad]);
+    let bend = |over_amplitude| by_record(Vec::new(), Some(Drift { over_amplitude, periods: 5.0, shape: DriftShape::Bend })).grade;
+    assert_eq!([0.183, 0.187, 0.61, 0.623].map(bend), [Grade::Good, Grade::Doubtful, Grade::Doubtful, Grade::Bad]);
+    // exp(−x²/2) is 0.01 at x = 3.035; a second harmonic leaves the fundamental alone.
+    let harmonic = |(order, ratio, sigma)| by_record(vec![Harmonic { order, ratio, sigma }], None).grade;
+    let met = [(3, 0.006, 0.00201), (3, 0.006, 0.00196), (3, 0.0009, 1e-5), (3, 0.0011, 1e-5), (2, 0.05, 1e-5)].map(harmonic);
+    assert_eq!(met, [Grade::Good, Grade::Bad, Grade::Good, Grade::Doubtful, Grade::Good]);
+}
+
+#[test]
+fn a_clipped_sine_is_bad_by_its_harmonics() {
+    // Cut off at c of its height. Its k-th harmonic by direct summation, what it loses of its fundamental by Fourier's integral.
+    let n = 4096;
+    let clipped = |c: f64| {
+        let coefficient = |k: f64| {
+            let at = |j: i32| TAU * f64::from(j) / f64::from(n);
+            2.0 / f64::from(n) * (0..n).map(|j| at(j).sin().clamp(-c, c) * (k * at(j)).sin()).sum::<f64>()
+        };
+        let harmonic = |order: u32| Harmonic { order, ratio: (coefficient(f64::from(order)) / coefficient(1.0)).abs(), sigma: 1e-5 };
+        (by_record(vec![harmonic(3), harmonic(5)], None), 1.0 - std::f64::consts::FRAC_2_PI * (c.asin() + c * (1.0 - c * c).sqrt()))
+    };
+    let (hard, lost) = clipped(0.95);
+    assert!((0.013..0.014).contains(&lost), "{lost}");
+    assert_eq!(hard.grade, Grade::Bad);
+    assert!(hard.reasons[0].starts_with("harmonic 3 of 1.24 %"), "{:?}", hard.reasons);
+    let (soft, lost) = clipped(0.999);
+    assert!(lost < 1e-4 && soft.grade == Grade::Good, "{lost} {:?}", soft.reasons);
 }
 
 #[test]

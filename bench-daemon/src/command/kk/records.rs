@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use analysis::validity::{Drift, Harmonic, Record};
+use analysis::validity::{Drift, DriftShape, Harmonic, Record};
 
 use crate::command::Failure;
 
