@@ -229,6 +229,7 @@ pub(crate) fn code_scale(waveform: &Waveform) -> CodeScale {
         offset_v: preamble.offset_v,
         code_min: preamble.code_min,
         code_max: preamble.code_max,
+        code_step: preamble.code_step,
     }
 }
 

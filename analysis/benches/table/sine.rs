@@ -56,7 +56,7 @@ fn signal(count: usize, freq_hz: f64) -> Vec<Vec<i16>> {
 pub(crate) fn rows() -> Vec<Row> {
     let freq_hz = 1234.5;
     let codes = signal(10_000_000, freq_hz);
-    let scale = CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047 };
+    let scale = CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047, code_step: 1 };
     let channels: Vec<Channel<'_>> = codes.iter().map(|codes| Channel::codes(codes, scale)).collect();
     let record = Record { channels: &channels, interval_s: INTERVAL_S };
     let samples = 4 * codes[0].len();

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::sine_model::codes;
 
-const ADC: CodeScale = CodeScale { volts_per_code: 1.0, offset_v: 0.0, code_min: -2048, code_max: 2047 };
+const ADC: CodeScale = CodeScale { volts_per_code: 1.0, offset_v: 0.0, code_min: -2048, code_max: 2047, code_step: 1 };
 const INTERVAL_S: f64 = 1e-3;
 const COUNT: usize = 700;
 
@@ -170,4 +170,20 @@ fn the_warning_is_in_words() {
         "channel 1: 0.00 LSB of noise are too few to average the quantisation out, for the samples come back to 4 phases; \
          the phasor may be 0.07 % wrong, which its uncertainty includes"
     );
+}
+
+#[test]
+fn codes_in_the_upper_bits_are_the_same_codes() {
+    let plain: Vec<i16> = [0, 1000, 0, -1000].iter().copied().cycle().take(4000).collect();
+    let upper: Vec<i16> = plain.iter().map(|code| 16 * code).collect();
+    let wide = CodeScale { volts_per_code: ADC.volts_per_code / 16.0, code_min: i16::MIN, code_max: 16 * 2047, code_step: 16, ..ADC };
+    let fit = |codes: &[i16], scale| {
+        let channels = [Channel::codes(codes, scale)];
+        fit_known_frequency(&Record { channels: &channels, interval_s: INTERVAL_S }, 250.0, &options(Drift::None, &[])).unwrap()
+    };
+    let (narrow, justified) = (fit(&plain, ADC), fit(&upper, wide));
+    assert_eq!(justified.notes.len(), 1);
+    assert_eq!(justified.notes[0].to_string(), narrow.notes[0].to_string());
+    let (a, b) = (justified.channels[0].variance, narrow.channels[0].variance);
+    assert!((a.re_re / b.re_re - 1.0).abs() < 1e-3 && (a.im_im / b.im_im - 1.0).abs() < 1e-3, "{a:?} against {b:?}");
 }

@@ -2,7 +2,7 @@
 
 use analysis::{
     sine::{self, Channel, Distortion, FitOptions, LeftOut, Note, Record, SineFit},
-    spectrum::{ChannelPhasors, code_step},
+    spectrum::ChannelPhasors,
 };
 use instruments::{
     generator::Sine,
@@ -260,7 +260,7 @@ fn analyse(asked: &Asked, waveforms: &[Waveform; 4], mut warnings: Vec<String>) 
     }
     warnings.extend(remarks(&fit));
     let residual_lag1 = fit.channels.iter().map(|channel| channel.residual_lag1).fold(0.0, f64::max);
-    let lsb_v = [0, 1, 2, 3].map(|slot: usize| code_step(&waveforms[slot].codes) * waveforms[slot].preamble.volts_per_code);
+    let lsb_v = [0, 1, 2, 3].map(|slot: usize| f64::from(waveforms[slot].preamble.code_step) * waveforms[slot].preamble.volts_per_code);
     let phasors = ChannelPhasors::from_codes(&fit, lsb_v).map_err(|error| fail(error.to_string()))?;
     let volts_per_div = [0, 1, 2, 3].map(|slot: usize| waveforms[slot].preamble.volts_per_div);
     Ok(SweepPoint { fixture, index, phasors, volts_per_div, free_freq_hz: free.freq_hz, residual_lag1, warnings })
@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn distortion_and_quantisation_are_remarked_and_a_good_record_is_not() {
-        let scale = sine::CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047 };
+        let scale = sine::CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047, code_step: 1 };
         let said = |codes: &[i16]| {
             let channels = [Channel::codes(codes, scale)];
             let options = FitOptions { harmonics: HARMONICS.to_vec(), ..FitOptions::default() };
