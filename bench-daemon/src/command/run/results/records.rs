@@ -80,3 +80,62 @@ pub(super) fn table(records: &[Record]) -> Table {
         rows: records.iter().map(row).collect(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::executor::{Bend, Beside};
+    use analysis::spectrum::{ChannelPhasors, PhasorVariance};
+    use instruments::mock::plant::Fixture;
+
+    const SHUNT_OHM: f64 = 0.01;
+
+    /// Channels of a current of so many amperes through the shunt and a voltage across the jig, with 1 µV of noise each.
+    fn phasors(freq_hz: f64, current_a: f64, volts: Complex64) -> ChannelPhasors {
+        let top = Complex64::from(0.2);
+        let channels = [top, top + SHUNT_OHM * current_a, top, top + volts];
+        ChannelPhasors { freq_hz, volts: channels, variance: [PhasorVariance::circular(1.0e-12); 4] }
+    }
+
+    /// 20 mΩ at 1 Hz, 10 mΩ at 4 Hz: 15 mΩ at 2 Hz. The current of 1 A has 10 % of second and of third harmonic.
+    fn sweep() -> Vec<SweepPoint> {
+        let point = |index: usize, freq_hz: f64, r_ohm: f64| SweepPoint {
+            fixture: Fixture::Cell,
+            index,
+            phasors: phasors(freq_hz, 1.0, r_ohm.into()),
+            volts_per_div: [1.0; 4],
+            free_freq_hz: freq_hz,
+            residual_lag1: 0.0,
+            beside: Beside::default(),
+            warnings: Vec::new(),
+        };
+        let mut points = vec![point(0, 1.0, 0.020), point(1, 4.0, 0.010)];
+        let third = (0.020 - 0.010 * 3.0_f64.ln() / 4.0_f64.ln()) * 0.1;
+        points[0].beside.harmonics = vec![(2, phasors(2.0, 0.1, 0.0015.into())), (3, phasors(3.0, 0.1, Complex64::new(third, 0.0002)))];
+        points
+    }
+
+    #[test]
+    fn only_what_the_current_does_not_explain_is_the_cells() {
+        let found = records(&sweep(), SHUNT_OHM);
+        let [second, third] = found[0].harmonics.as_slice() else { panic!("{found:?}") };
+        assert!(second.ratio < 1.0e-9 && !second.is_significant(), "{second:?}");
+        // 0.2 mV of 20 mV; √(2 + 2·1.5²) µV of 20 mV.
+        assert!((third.ratio - 0.01).abs() < 1.0e-9 && third.is_significant(), "{third:?}");
+        assert!((second.sigma - 6.5_f64.sqrt() * 5.0e-5).abs() < 1.0e-9, "{second:?}");
+        let rows = table(&found).rows;
+        assert_eq!(rows[0][2..], ["1.000 ± 0.011", "3.000", "none seen"]);
+        assert_eq!(rows[1][1..], ["–", "–", "none seen", "none seen"]);
+    }
+
+    #[test]
+    fn a_bend_counts_from_four_standard_deviations() {
+        let mut points = sweep();
+        let drift = |points: &[SweepPoint]| records(points, SHUNT_OHM)[0].drift;
+        points[0].beside.bend = Some(Bend { volts: -0.004, sigma_v: 0.0011, periods: 5.0 });
+        assert_eq!(drift(&points), None);
+        points[0].beside.bend = Some(Bend { volts: -0.004, sigma_v: 0.0009, periods: 5.0 });
+        let found = drift(&points).unwrap();
+        assert!((found.over_amplitude + 0.2).abs() < 1.0e-9 && found.periods == 5.0 && found.shape == DriftShape::Bend, "{found:?}");
+    }
+}
