@@ -1,6 +1,7 @@
 //! The one loop: steps of a checked plan → instruments → readings and records. Whoever drives it brings the bench into safe state afterwards,
 //! whatever the outcome.
 
+mod beside;
 mod dc;
 mod sine;
 
@@ -12,6 +13,7 @@ use instruments::{
     units::{Amps, Volts},
 };
 
+pub use beside::{Bend, Beside};
 pub use sine::SweepPoint;
 
 use crate::{

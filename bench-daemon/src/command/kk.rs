@@ -12,7 +12,7 @@ use analysis::{
     plot,
     report::{Figure, Level, Verdict},
     spectrum::Spectrum,
-    validity::{Assessed, Assessment, Grade, Noise, NoiseSource, Record, assess},
+    validity::{Assessed, Assessment, Grade, Linearity, Noise, NoiseSource, Record, Stationarity, assess},
 };
 use serde::Serialize;
 
@@ -48,12 +48,12 @@ const START_BRANCHES: usize = 4;
 /// So many spectra of a cell are shown with the table of their points.
 const SHOWN_WHOLE: usize = 2;
 
-/// What a run's report says of its spectrum: a line of the verdict, and pictures.
+/// What a run's report says of its spectrum and the records that it was made from: a line of the verdict, and pictures.
 ///
 /// # Errors
 /// A picture that cannot be drawn.
-pub(super) fn in_report(spectrum: &Spectrum) -> Result<(Verdict, Vec<Figure>), Failure> {
-    let assessment = match assess(std::slice::from_ref(spectrum), &[]) {
+pub(super) fn in_report(spectrum: &Spectrum, records: &[Record]) -> Result<(Verdict, Vec<Figure>), Failure> {
+    let assessment = match assess(std::slice::from_ref(spectrum), records) {
         Ok(assessment) => assessment,
         Err(error) => return Ok((Verdict { level: Level::Note, text: format!("The spectrum was not tested: {error}.") }, Vec::new())),
     };
@@ -77,7 +77,13 @@ pub(super) fn in_report(spectrum: &Spectrum) -> Result<(Verdict, Vec<Figure>), F
             caption: "The modulus as measured and as the phase asks for; they part where the cell changed during the sweep.".to_owned(),
         },
     ];
-    Ok((Verdict { level, text: format!("Kramers–Kronig and Z-HIT: {}: {}.", assessed.verdict.grade, assessed.verdict.text) }, figures))
+    Ok((
+        Verdict {
+            level,
+            text: format!("Kramers–Kronig, Z-HIT, harmonics and drift: {}: {}.", assessed.verdict.grade, assessed.verdict.text),
+        },
+        figures,
+    ))
 }
 
 /// The spectra of one cell and what is to be thought of them.
@@ -181,35 +187,38 @@ fn print(group: &Group) {
     for assessed in &assessment.spectra {
         print_spectrum(assessed, assessment.spectra.len() <= SHOWN_WHOLE);
     }
-    if let Some(linearity) = &assessment.linearity {
-        let worst = linearity.points.iter().max_by(|a, b| a.change_percent.total_cmp(&b.change_percent));
-        let (low, high) = linearity.amplitudes_a;
-        let count = linearity.points.iter().filter(|point| point.nonlinear).count();
-        if let Some(worst) = worst {
-            say!(
-                "  linearity, {} A to {} A: {}; largest change {:.2} ± {:.2} % at {} Hz",
-                significant(low, 3),
-                significant(high, 3),
-                if count == 0 { "no change beyond noise".to_owned() } else { format!("Z changes at {count} frequencies") },
-                worst.change_percent,
-                worst.sigma_percent,
-                significant(worst.freq_hz, 3)
-            );
-        }
-    }
-    if let Some(stationarity) = &assessment.stationarity {
-        let scatter = stationarity.points.iter().map(|point| point.scatter_percent.powi(2)).sum::<f64>() / stationarity.points.len() as f64;
-        let excess = stationarity.excess_percent.map_or_else(String::new, |excess| format!(", {excess:.2} % of it beyond the noise"));
-        let shifts: Vec<String> = stationarity.shift_percent.iter().map(|shift| format!("{shift:+.2}")).collect();
-        let drifting = stationarity.points.iter().filter(|point| point.drifts()).count();
-        let trend = match drifting {
-            0 => "no trend".to_owned(),
-            count => format!("a trend at {count} frequencies"),
-        };
-        say!("  stationarity, {} repeats: scatter {:.2} % of |Z|{excess}; {trend}", stationarity.repeats.len(), scatter.sqrt());
-        say!("    repeats against their mean, %: {}", shifts.join(" "));
-    }
+    assessment.linearity.iter().for_each(print_linearity);
+    assessment.stationarity.iter().for_each(print_stationarity);
     group.drt.iter().for_each(print_drt);
+}
+
+fn print_linearity(linearity: &Linearity) {
+    let Some(worst) = linearity.points.iter().max_by(|a, b| a.change_percent.total_cmp(&b.change_percent)) else { return };
+    let (low, high) = linearity.amplitudes_a;
+    let changes = match linearity.points.iter().filter(|point| point.nonlinear).count() {
+        0 => "no change beyond noise".to_owned(),
+        count => format!("Z changes at {count} frequencies"),
+    };
+    say!(
+        "  linearity, {} A to {} A: {changes}; largest change {:.2} ± {:.2} % at {} Hz",
+        significant(low, 3),
+        significant(high, 3),
+        worst.change_percent,
+        worst.sigma_percent,
+        significant(worst.freq_hz, 3)
+    );
+}
+
+fn print_stationarity(stationarity: &Stationarity) {
+    let scatter = stationarity.points.iter().map(|point| point.scatter_percent.powi(2)).sum::<f64>() / stationarity.points.len() as f64;
+    let excess = stationarity.excess_percent.map_or_else(String::new, |excess| format!(", {excess:.2} % of it beyond the noise"));
+    let shifts: Vec<String> = stationarity.shift_percent.iter().map(|shift| format!("{shift:+.2}")).collect();
+    let trend = match stationarity.points.iter().filter(|point| point.drifts()).count() {
+        0 => "no trend".to_owned(),
+        count => format!("a trend at {count} frequencies"),
+    };
+    say!("  stationarity, {} repeats: scatter {:.2} % of |Z|{excess}; {trend}", stationarity.repeats.len(), scatter.sqrt());
+    say!("    repeats against their mean, %: {}", shifts.join(" "));
 }
 
 fn print_spectrum(assessed: &Assessed, whole: bool) {

@@ -11,7 +11,11 @@ use instruments::{
     units::{Hertz, Seconds, Volts},
 };
 
-use super::{ExecuteError, Executor, require};
+use super::{
+    ExecuteError, Executor,
+    beside::{Beside, beside},
+    require,
+};
 use crate::{
     plan::{MAX_RANGING, Step, fixture_name},
     record::{CaptureFile, code_scale},
@@ -55,6 +59,8 @@ pub struct SweepPoint {
     pub free_freq_hz: f64,
     /// Greatest lag-1 correlation of the residuals: near 0 for noise, near 1 for a signal that the sinusoid leaves out.
     pub residual_lag1: f64,
+    /// What the record shows besides the sinusoid.
+    pub beside: Beside,
     /// What is odd about it.
     pub warnings: Vec<String>,
 }
@@ -263,7 +269,8 @@ fn analyse(asked: &Asked, waveforms: &[Waveform; 4], mut warnings: Vec<String>) 
     let lsb_v = [0, 1, 2, 3].map(|slot: usize| f64::from(waveforms[slot].preamble.code_step) * waveforms[slot].preamble.volts_per_code);
     let phasors = ChannelPhasors::from_codes(&fit, lsb_v).map_err(|error| fail(error.to_string()))?;
     let volts_per_div = [0, 1, 2, 3].map(|slot: usize| waveforms[slot].preamble.volts_per_div);
-    Ok(SweepPoint { fixture, index, phasors, volts_per_div, free_freq_hz: free.freq_hz, residual_lag1, warnings })
+    let beside = beside(&record, freq_hz);
+    Ok(SweepPoint { fixture, index, phasors, volts_per_div, free_freq_hz: free.freq_hz, residual_lag1, beside, warnings })
 }
 
 /// What is odd about a fit, in words. Harmonics and mains beyond half the sampling rate are no news.

@@ -8,6 +8,7 @@ mod demo;
 mod fit;
 mod fit_circuit;
 mod kill;
+mod kk;
 mod mock_process;
 mod ocv_joint;
 mod ranging;

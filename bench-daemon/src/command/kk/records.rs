@@ -9,6 +9,23 @@ use crate::command::Failure;
 /// Highest harmonic that is looked for.
 const MOST: u32 = 20;
 
+/// Where the columns are.
+struct Columns {
+    freq: usize,
+    /// Order, ratio, its standard deviation.
+    harmonics: Vec<(u32, usize, usize)>,
+    /// Drift over amplitude, periods.
+    drift: Option<(usize, usize)>,
+}
+
+/// A line of the table, with what a message needs.
+struct Row<'a> {
+    path: &'a Path,
+    number: usize,
+    header: &'a [&'a str],
+    fields: Vec<&'a str>,
+}
+
 /// Reads `freq_hz` and any of `periods,drift_over_amplitude`, `hN,sigma_hN`.
 ///
 /// # Errors
@@ -16,37 +33,52 @@ const MOST: u32 = 20;
 pub(super) fn read(path: &Path) -> Result<Vec<Record>, Failure> {
     let text = std::fs::read_to_string(path).map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))?;
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'));
-    let header: Vec<&str> = lines.next().map(|(_, line)| line.split(',').map(str::trim).collect()).unwrap_or_default();
-    let column = |name: &str| header.iter().position(|column| *column == name);
-    let freq = column("freq_hz")
+    let header: Vec<&str> = lines.next().map(|(_, line)| split(line)).unwrap_or_default();
+    let columns = Columns::of(&header)
         .ok_or_else(|| Failure::Usage(format!("{}: expected a header with freq_hz, found \"{}\"", path.display(), header.join(","))))?;
-    let harmonics: Vec<(u32, usize, usize)> =
-        (2..=MOST).filter_map(|order| Some((order, column(&format!("h{order}"))?, column(&format!("sigma_h{order}"))?))).collect();
-    let drift = column("drift_over_amplitude").zip(column("periods"));
-    let mut records = Vec::new();
-    for (index, line) in lines {
-        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-        let number = |column: usize, least: f64| {
-            let field = fields.get(column).copied().unwrap_or_default();
-            let good = |value: &f64| value.is_finite() && *value >= least;
-            field.parse::<f64>().ok().filter(good).ok_or_else(|| {
-                let name = header.get(column).copied().unwrap_or_default();
-                Failure::Usage(format!("{}, line {}, {name}: expected a number, found \"{field}\"", path.display(), index + 1))
-            })
-        };
-        let harmonic = |&(order, ratio, sigma): &(u32, usize, usize)| {
-            Ok(Harmonic { order, ratio: number(ratio, 0.0)?, sigma: number(sigma, f64::MIN_POSITIVE)? })
-        };
-        records.push(Record {
-            freq_hz: number(freq, f64::MIN_POSITIVE)?,
-            harmonics: harmonics.iter().map(harmonic).collect::<Result<_, Failure>>()?,
-            drift: match drift {
-                Some((over, periods)) => {
-                    Some(Drift { over_amplitude: number(over, f64::NEG_INFINITY)?, periods: number(periods, f64::MIN_POSITIVE)? })
-                }
-                None => None,
-            },
-        });
+    let row = |(index, line)| Row { path, number: index + 1, header: &header, fields: split(line) };
+    lines.map(|line| row(line).record(&columns)).collect()
+}
+
+fn split(line: &str) -> Vec<&str> {
+    line.split(',').map(str::trim).collect()
+}
+
+impl Columns {
+    fn of(header: &[&str]) -> Option<Self> {
+        let column = |name: &str| header.iter().position(|column| *column == name);
+        let harmonic = |order: u32| Some((order, column(&format!("h{order}"))?, column(&format!("sigma_h{order}"))?));
+        Some(Self {
+            freq: column("freq_hz")?,
+            harmonics: (2..=MOST).filter_map(harmonic).collect(),
+            drift: column("drift_over_amplitude").zip(column("periods")),
+        })
     }
-    Ok(records)
+}
+
+impl Row<'_> {
+    fn record(&self, columns: &Columns) -> Result<Record, Failure> {
+        let harmonic = |&(order, ratio, sigma): &(u32, usize, usize)| {
+            Ok(Harmonic { order, ratio: self.number(ratio, 0.0)?, sigma: self.number(sigma, f64::MIN_POSITIVE)? })
+        };
+        let drift = |(over, periods): (usize, usize)| {
+            let over_amplitude = self.number(over, f64::NEG_INFINITY)?;
+            Ok::<_, Failure>(Drift { over_amplitude, periods: self.number(periods, f64::MIN_POSITIVE)?, shape: DriftShape::Ramp })
+        };
+        Ok(Record {
+            freq_hz: self.number(columns.freq, f64::MIN_POSITIVE)?,
+            harmonics: columns.harmonics.iter().map(harmonic).collect::<Result<_, Failure>>()?,
+            drift: columns.drift.map(drift).transpose()?,
+        })
+    }
+
+    /// The number in a column, at least `least`.
+    fn number(&self, column: usize, least: f64) -> Result<f64, Failure> {
+        let field = self.fields.get(column).copied().unwrap_or_default();
+        let good = |value: &f64| value.is_finite() && *value >= least;
+        field.parse::<f64>().ok().filter(good).ok_or_else(|| {
+            let name = self.header.get(column).copied().unwrap_or_default();
+            Failure::Usage(format!("{}, line {}, {name}: expected a number, found \"{field}\"", self.path.display(), self.number))
+        })
+    }
 }

@@ -1,5 +1,6 @@
 //! What is made of a finished run: fits, model files, plots, the report, and a summary for the terminal.
 
+mod records;
 mod report;
 
 use analysis::{

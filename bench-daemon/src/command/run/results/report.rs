@@ -8,6 +8,9 @@ use analysis::{
     spectrum::{ImpedancePoint, Spectrum},
 };
 
+use instruments::mock::plant::Fixture;
+
+use super::records;
 use crate::{
     command::{
         Failure,
@@ -17,6 +20,7 @@ use crate::{
     },
     config::Experiment,
     fixture_check,
+    plan::fixture_name,
     present::{branches_table, fit_warnings, models_table, significant},
     record::Recorder,
 };
@@ -51,7 +55,9 @@ pub(super) fn write(
     }
     let caption = "Where the uncertainty of the corrected spectrum comes from; the parts add up in squares.".to_owned();
     figures.push(Figure { svg: plot::chart_svg(&chart).map_err(drawn)?, caption });
-    let (validity, pictures) = kk::in_report(&measured.spectrum)?;
+    let cell = measured.sweeps.get(fixture_name(Fixture::Cell)).map_or(&[][..], Vec::as_slice);
+    let records = records::records(cell, experiment.bench.wiring.shunt.r_ohm);
+    let (validity, pictures) = kk::in_report(&measured.spectrum, &records)?;
     figures.extend(pictures);
     let mut verdicts = verdicts(recorder, measured, fits);
     verdicts.insert(0, validity);
@@ -59,7 +65,7 @@ pub(super) fn write(
         title: format!("{}: {} on bench {}", experiment.name, experiment.cell.name, experiment.bench.name),
         verdicts,
         figures,
-        tables: tables(experiment, measured, (fits, budget)),
+        tables: tables(experiment, measured, (fits, budget)).into_iter().chain([records::table(&records)]).collect(),
         provenance: provenance(experiment),
     };
     let html = report.to_html().map_err(|error| Failure::Analysis(error.to_string()))?;
