@@ -81,7 +81,7 @@ fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
     g: &LaneGains<W, N>,
     ((from, to), index): ((f64, f64), f64),
 ) -> bool {
-    let mut begin = Begin { root: [0.0; W], current: [0.0; W], open: [0.0; W], d: [0.0; W], rise: [0.0; W] };
+    let mut begin = Begin { root: [0.0; W], current: [0.0; W], open: [0.0; W], d: [0.0; W], rise: [0.0; W], back: [0.0; W] };
     let mut far = false;
     for l in 0..W {
         // OCV − Σv is carried from step to step: summing the branches anew would make the next root wait for them.
@@ -90,18 +90,27 @@ fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
         let (root, inverse) = (square.sqrt(), 1.0 / square);
         let current = (e - root) * lanes.half[l];
         let open = ocv::<W, N, CURVED>(lanes, l, now.soc[l] - g.soc[l] * current);
-        let d = (open - kept(now, g, l) - e - g.held_share[l] * e) + g.held_share[l] * root;
-        let x = change((e, d), lanes.asked[l] * (to - from), inverse);
-        let rise = (root * x) * ((0.5 - 0.125 * x) + (x * x) * 0.0625);
+        // What waits longest is added last: the branches, and after them the root.
+        let d = ((open - (e + g.held_share[l] * e)) - kept(now, g, l)) + g.held_share[l] * root;
+        let (moved, more_asked) = change((e, d), lanes.asked[l] * (to - from), inverse);
+        let x = moved - more_asked;
+        // x/2 − x²/8 + x³/16; written twice, so that E does not wait for one product more.
+        let before_one = moved - (more_asked + 1.0);
+        let curve = before_one * before_one + 7.0;
+        let part = root * 0.0625;
+        let rise = (part * x) * curve;
+        let back = ((g.ends_share[l] * part) * x) * curve;
         // So written it is also true of what is no number.
-        far |= !(x.abs() <= FAR);
-        begin.put(l, (root, current, open), (d, rise));
+        let near = x.abs() <= FAR;
+        far |= !near;
+        begin.put(l, (root, current, open), (d, rise, back));
     }
     if far {
         // By value, so that nothing that changes with every step must live in memory for it.
         let (rise, short) = far_roots(lanes, (&{ now.e }, &{ begin }), (from, to));
-        begin.rise = rise;
         for l in 0..W {
+            let Some(rise) = rise[l] else { continue };
+            (begin.rise[l], begin.back[l]) = (rise, g.ends_share[l] * rise);
             now.tally.infeasible[l] = less(now.tally.infeasible[l], if short[l] { index } else { f64::INFINITY });
         }
     }
@@ -125,12 +134,15 @@ struct Begin<const W: usize> {
     d: Row<W>,
     /// By how much the root changes, V.
     rise: Row<W>,
+    /// How much of that E gets back at the end, V.
+    back: Row<W>,
 }
 
 impl<const W: usize> Begin<W> {
     #[inline(always)]
-    fn put(&mut self, l: usize, (root, current, open): (f64, f64, f64), (d, rise): (f64, f64)) {
-        (self.root[l], self.current[l], self.open[l], self.d[l], self.rise[l]) = (root, current, open, d, rise);
+    fn put(&mut self, l: usize, (root, current, open): (f64, f64, f64), (d, rise, back): (f64, f64, f64)) {
+        (self.root[l], self.current[l], self.open[l]) = (root, current, open);
+        (self.d[l], self.rise[l], self.back[l]) = (d, rise, back);
     }
 }
 
@@ -141,24 +153,26 @@ fn far_roots<const W: usize, const N: usize>(
     lanes: &Lanes<'_, W, N>,
     (e, begin): (&Row<W>, &Begin<W>),
     (from, to): (f64, f64),
-) -> (Row<W>, [bool; W]) {
-    let (mut rise, mut short) = (begin.rise, [false; W]);
+) -> ([Option<f64>; W], [bool; W]) {
+    let (mut rise, mut short) = ([None; W], [false; W]);
     for l in 0..W {
         let (e, d, asked) = (e[l], begin.d[l], lanes.asked[l]);
         let inverse = 1.0 / (e * e - asked * from).max(0.0);
-        if !(change((e, d), asked * (to - from), inverse).abs() <= FAR) {
+        let (moved, more_asked) = change((e, d), asked * (to - from), inverse);
+        let near = (moved - more_asked).abs() <= FAR;
+        if !near {
             let end = e + d;
-            rise[l] = (end * end - asked * to).max(0.0).sqrt() - begin.root[l];
+            rise[l] = Some((end * end - asked * to).max(0.0).sqrt() - begin.root[l]);
             short[l] = (asked * from > e * e) | (asked * to > end * end);
         }
     }
     (rise, short)
 }
 
-/// x: by which part of itself the square under the root changes.
+/// By which part of itself the square under the root changes: with E, and less what more is asked for.
 #[inline(always)]
-fn change((e, d): (f64, f64), more_asked: f64, inverse: f64) -> f64 {
-    (d * inverse) * (2.0 * e + d) - more_asked * inverse
+fn change((e, d): (f64, f64), more_asked: f64, inverse: f64) -> (f64, f64) {
+    ((d * inverse) * (2.0 * e + d), more_asked * inverse)
 }
 
 /// Moves the branches, E and the tally over a step of [`by_one_root`].
@@ -170,12 +184,13 @@ fn finish<const W: usize, const N: usize, const CURVED: bool>(
 ) -> bool {
     let mut left = false;
     for l in 0..W {
-        let (e0, i0, d, rise) = (now.e[l], begin.current[l], begin.d[l], begin.rise[l]);
-        let (e1, i1) = (e0 + d, i0 + (d - rise) * lanes.half[l]);
+        let (e0, i0, d) = (now.e[l], begin.current[l], begin.d[l]);
+        let more = d - begin.rise[l];
+        let (e1, i1) = (e0 + d, i0 + more * lanes.half[l]);
         for k in 0..N {
-            now.v[k][l] = g.decay[k][l] * now.v[k][l] + g.start[k][l] * i0 + g.end[k][l] * i1;
+            now.v[k][l] = (g.decay[k][l] * now.v[k][l] + g.both[k][l] * i0) + g.end_share[k][l] * more;
         }
-        now.e[l] = (e1 - g.ends_share[l] * d) + g.ends_share[l] * rise;
+        now.e[l] = (e1 - g.ends_share[l] * d) + begin.back[l];
         if CURVED {
             now.soc[l] -= 0.5 * g.soc[l] * (i0 + i1);
             left |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
@@ -189,11 +204,12 @@ fn finish<const W: usize, const N: usize, const CURVED: bool>(
 /// What the branches keep of their voltages over the step.
 #[inline(always)]
 fn kept<const W: usize, const N: usize>(now: &Now<W, N>, g: &LaneGains<W, N>, l: usize) -> f64 {
-    let mut kept = 0.0;
+    // Two sums, so that half as many wait for each other.
+    let mut kept = [0.0; 2];
     for k in 0..N {
-        kept += g.decay[k][l] * now.v[k][l];
+        kept[k % 2] += g.decay[k][l] * now.v[k][l];
     }
-    kept
+    kept[0] + kept[1]
 }
 
 /// Adds a step of one lane from E and current at its start and end.

@@ -20,7 +20,11 @@ pub(super) struct LaneGains<const W: usize, const N: usize> {
     pub(super) held: Row<W>,
     /// Σ of `end` over the branches, Ω.
     pub(super) ends: Row<W>,
-    /// The two of them per 2R: what a volt of the root moves.
+    /// `start` + `end`, Ω.
+    pub(super) both: [Row<W>; N],
+    /// `end`/2R.
+    pub(super) end_share: [Row<W>; N],
+    /// `held` and `ends` per 2R: what a volt of the root moves.
     pub(super) held_share: Row<W>,
     pub(super) ends_share: Row<W>,
     /// SOC per ampere over the step.
@@ -205,6 +209,8 @@ fn gains<'a, const W: usize, const N: usize>(cell: &impl Fn(usize) -> BatchCell<
         decay: gain.map(|row| row.map(|g| g.decay)),
         start: gain.map(|row| row.map(|g| g.start)),
         end: gain.map(|row| row.map(|g| g.end)),
+        both: gain.map(|row| row.map(|g| g.start + g.end)),
+        end_share: gain.map(|row| share(&row.map(|g| g.end))),
         held_share: share(&held),
         ends_share: share(&ends),
         held,

@@ -44,25 +44,20 @@ impl<'p> Plan<'p> {
         let (demand, beyond, value) = (profile.demand, options.beyond, profile.value.as_slice());
         let mut plan = Self { demand, beyond, start_s, lengths_s: Vec::new(), runs: Vec::new(), value, hold };
         let mut known = std::collections::HashMap::new();
-        let (mut run, mut last_s) = (Run { first: 0, rows: 0, parts: 0, share: 1.0, length: 0 }, f64::NAN);
-        for (row, pair) in profile.time_s.windows(2).enumerate() {
-            let row_s = pair[1] - pair[0];
+        let (rows, mut first) = (profile.time_s.len().saturating_sub(1), 0);
+        while first < rows {
+            let row_s = profile.time_s[first + 1] - profile.time_s[first];
+            let count = alike(&profile.time_s[first..], (row_s / quantum).round() * quantum, 0.75 * quantum).max(1);
             let parts = parts(row_s, options.max_step_s);
-            let step_s = if parts == 1 { row_s } else { row_s / parts as f64 };
-            if parts == run.parts && (step_s - last_s).abs() <= 0.5 * quantum {
-                run.rows += 1;
-                continue;
-            }
-            last_s = (step_s / quantum).round().max(1.0) * quantum;
+            let step_s = (row_s / parts as f64 / quantum).round().max(1.0) * quantum;
             let next = plan.lengths_s.len();
-            let length = *known.entry(last_s.to_bits()).or_insert(next);
+            let length = *known.entry(step_s.to_bits()).or_insert(next);
             if length == next {
-                plan.lengths_s.push(last_s);
+                plan.lengths_s.push(step_s);
             }
-            plan.runs.extend((run.rows > 0).then_some(run));
-            run = Run { first: row, rows: 1, parts, share: 1.0 / parts as f64, length };
+            plan.runs.push(Run { first, rows: count, parts, share: 1.0 / parts as f64, length });
+            first += count;
         }
-        plan.runs.extend((run.rows > 0).then_some(run));
         plan
     }
 
@@ -89,3 +84,23 @@ impl<'p> Plan<'p> {
         time_s
     }
 }
+
+/// How many of the first rows last as long as said.
+fn alike(time_s: &[f64], row_s: f64, tolerance_s: f64) -> usize {
+    let other = |from: &f64, to: &f64| ((to - from) - row_s).abs() > tolerance_s;
+    if time_s.len() < 3 || other(&time_s[1], &time_s[2]) {
+        return 1;
+    }
+    // Blocks without an early end are vectors for the compiler.
+    let others = |block: usize| -> u64 {
+        let times = &time_s[block * BLOCK..=(block + 1) * BLOCK];
+        times.iter().zip(&times[1..]).map(|(from, to)| u64::from(other(from, to))).sum()
+    };
+    let rows = time_s.len().saturating_sub(1);
+    let blocks = (0..rows / BLOCK).take_while(|block| others(*block) == 0).count();
+    let rest = &time_s[blocks * BLOCK..];
+    blocks * BLOCK + rest.iter().zip(&rest[1..]).take_while(|(from, to)| !other(from, to)).count()
+}
+
+/// Rows looked at together.
+const BLOCK: usize = 32;
