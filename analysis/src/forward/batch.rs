@@ -96,7 +96,7 @@ pub fn simulate_batch(cells: &[BatchCell<'_>], profile: &Profile, options: &Batc
 }
 
 /// Branches that no cell has are left out of the inner loop.
-fn by_branches<const W: usize>(cells: &[BatchCell<'_>], plan: &Plan) -> Vec<BatchOutcome> {
+fn by_branches<const W: usize>(cells: &[BatchCell<'_>], plan: &Plan<'_>) -> Vec<BatchOutcome> {
     match cells.iter().map(|c| c.model.erm.branches.len()).max().unwrap_or(0) {
         0 => run::<W, 0>(cells, plan),
         1 => run::<W, 1>(cells, plan),
@@ -110,7 +110,7 @@ fn by_branches<const W: usize>(cells: &[BatchCell<'_>], plan: &Plan) -> Vec<Batc
     }
 }
 
-fn run<const W: usize, const N: usize>(cells: &[BatchCell<'_>], plan: &Plan) -> Vec<BatchOutcome> {
+fn run<const W: usize, const N: usize>(cells: &[BatchCell<'_>], plan: &Plan<'_>) -> Vec<BatchOutcome> {
     let mut lanes = Lanes::<W, N>::new(cells, plan);
     let curved = cells.iter().any(|c| matches!(c.model.ocv, OcvSource::Curve(_)));
     kernel::run(&mut lanes, plan, curved);

@@ -143,12 +143,18 @@ impl Profile {
         (1..self.time_s.len()).flat_map(move |k| {
             let (t0, t1, v0) = (self.time_s[k - 1], self.time_s[k], self.value[k - 1]);
             let v1 = if self.interpolation == Interpolation::Linear { self.value[k] } else { v0 };
-            let parts = if t1 - t0 <= max_step_s { 1.0 } else { ((t1 - t0) / max_step_s * (1.0 - 1e-9)).ceil().max(1.0) };
+            let count = parts(t1 - t0, max_step_s);
+            let parts = count as f64;
             let at = move |part: f64| v0 + (v1 - v0) * part / parts;
-            (0..parts as u64).map(move |part| {
+            (0..count).map(move |part| {
                 let part = part as f64;
                 Piece { from_s: t0 + (t1 - t0) * part / parts, step_s: (t1 - t0) / parts, from: at(part), to: at(part + 1.0) }
             })
         })
     }
+}
+
+/// How many steps a row is cut into so that none is longer than `max_step_s`.
+pub(super) fn parts(row_s: f64, max_step_s: f64) -> u64 {
+    if row_s <= max_step_s { 1 } else { (row_s / max_step_s * (1.0 - 1e-9)).ceil().max(1.0) as u64 }
 }

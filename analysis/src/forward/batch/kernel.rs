@@ -2,7 +2,7 @@
 //!
 //! Products and sums are not fused, so that every machine gets the same bits.
 
-use super::lanes::{LaneGains, Lanes, Now};
+use super::lanes::{LaneGains, Lanes, Now, Row};
 use super::plan::Plan;
 use crate::forward::law::{Beyond, Demand};
 
@@ -13,7 +13,7 @@ const CURRENT: u8 = 2;
 const LOAD: u8 = 3;
 
 /// Runs all steps of a plan.
-pub(super) fn run<const W: usize, const N: usize>(lanes: &mut Lanes<'_, W, N>, plan: &Plan, curved: bool) {
+pub(super) fn run<const W: usize, const N: usize>(lanes: &mut Lanes<'_, W, N>, plan: &Plan<'_>, curved: bool) {
     match (plan.demand, plan.beyond) {
         (Demand::Current, _) => by_ocv::<W, N, CURRENT>(lanes, plan, curved),
         (Demand::Resistance, _) => by_ocv::<W, N, LOAD>(lanes, plan, curved),
@@ -22,13 +22,13 @@ pub(super) fn run<const W: usize, const N: usize>(lanes: &mut Lanes<'_, W, N>, p
     }
 }
 
-fn by_ocv<const W: usize, const N: usize, const LAW: u8>(lanes: &mut Lanes<'_, W, N>, plan: &Plan, curved: bool) {
+fn by_ocv<const W: usize, const N: usize, const LAW: u8>(lanes: &mut Lanes<'_, W, N>, plan: &Plan<'_>, curved: bool) {
     let arch = pulp::Arch::new();
     if curved { arch.dispatch(All::<W, N, LAW, true>(lanes, plan)) } else { arch.dispatch(All::<W, N, LAW, false>(lanes, plan)) }
 }
 
 /// The loop as something to dispatch. A closure would not be inlined into the function that has the machine's vectors.
-struct All<'l, 'c, const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(&'l mut Lanes<'c, W, N>, &'l Plan);
+struct All<'l, 'c, const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(&'l mut Lanes<'c, W, N>, &'l Plan<'l>);
 
 impl<const W: usize, const N: usize, const LAW: u8, const CURVED: bool> pulp::WithSimd for All<'_, '_, W, N, LAW, CURVED> {
     type Output = ();
@@ -40,22 +40,195 @@ impl<const W: usize, const N: usize, const LAW: u8, const CURVED: bool> pulp::Wi
 }
 
 #[inline(always)]
-fn all<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(lanes: &mut Lanes<'_, W, N>, plan: &Plan) {
+fn all<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(lanes: &mut Lanes<'_, W, N>, plan: &Plan<'_>) {
     let (fraction, gains) =
         (if let Beyond::Extrapolate { fraction } = plan.beyond { fraction } else { 1.0 }, std::mem::take(&mut lanes.gains));
     // A copy of its own, which the compiler can keep in registers.
     let mut now = lanes.now;
-    for (index, step) in plan.steps.iter().enumerate() {
-        let gain = &gains[step.length as usize];
-        let left = advance::<W, N, LAW, CURVED>((lanes, &mut now), gain, (step.demand, index as f64, fraction));
-        if CURVED && left {
-            lanes.now = now;
-            lanes.find_pieces();
-            now = lanes.now;
+    let mut index = 0.0;
+    for run in &plan.runs {
+        let gain = &gains[run.length];
+        // Loops, not closures: see above.
+        for row in plan.rows(run) {
+            let (from, rise) = plan.row(row, run.share);
+            for part in 0..run.parts {
+                let demand = (from + rise * part as f64, from + rise * (part + 1) as f64);
+                let left = if LAW == CLAMPED {
+                    by_one_root::<W, N, CURVED>((lanes, &mut now), gain, (demand, index))
+                } else {
+                    advance::<W, N, LAW, CURVED>((lanes, &mut now), gain, (demand, index, fraction))
+                };
+                if CURVED && left {
+                    lanes.now = now;
+                    lanes.find_pieces();
+                    now = lanes.now;
+                }
+                index += 1.0;
+            }
         }
     }
     lanes.now = now;
     lanes.gains = gains;
+}
+
+/// One step of all lanes under a power, as [`advance`] makes it, but without waiting for a second root.
+///
+/// E changes little over a step: by d, and the square of the root s₀ by x·s₀² with x = (d(2E₀ + d) − Δasked)/s₀². The root at the end is
+/// s₀√(1 + x), from the series of it, and 1/s₀² is on its way together with s₀. Beyond [`FAR`] the root is taken.
+#[inline(always)]
+fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
+    (lanes, now): (&Lanes<'_, W, N>, &mut Now<W, N>),
+    g: &LaneGains<W, N>,
+    ((from, to), index): ((f64, f64), f64),
+) -> bool {
+    let mut begin = Begin { root: [0.0; W], current: [0.0; W], open: [0.0; W], d: [0.0; W], rise: [0.0; W], back: [0.0; W] };
+    let mut far = false;
+    for l in 0..W {
+        // OCV − Σv is carried from step to step: summing the branches anew would make the next root wait for them.
+        let e = now.e[l];
+        let square = (e * e - lanes.asked[l] * from).max(0.0);
+        let (root, inverse) = (square.sqrt(), 1.0 / square);
+        let current = (e - root) * lanes.half[l];
+        let open = ocv::<W, N, CURVED>(lanes, l, now.soc[l] - g.soc[l] * current);
+        // What waits longest is added last: the branches, and after them the root.
+        let d = ((open - (e + g.held_share[l] * e)) - kept(now, g, l)) + g.held_share[l] * root;
+        let (moved, more_asked) = change((e, d), lanes.asked[l] * (to - from), inverse);
+        let x = moved - more_asked;
+        // x/2 − x²/8 + x³/16; written twice, so that E does not wait for one product more.
+        let before_one = moved - (more_asked + 1.0);
+        let curve = before_one * before_one + 7.0;
+        let part = root * 0.0625;
+        let rise = (part * x) * curve;
+        let back = ((g.ends_share[l] * part) * x) * curve;
+        // So written it is also true of what is no number.
+        let near = x.abs() <= FAR;
+        far |= !near;
+        begin.put(l, (root, current, open), (d, rise, back));
+    }
+    if far {
+        // By value, so that nothing that changes with every step must live in memory for it.
+        let (rise, short) = far_roots(lanes, (&{ now.e }, &{ begin }), (from, to));
+        for l in 0..W {
+            let Some(rise) = rise[l] else { continue };
+            (begin.rise[l], begin.back[l]) = (rise, g.ends_share[l] * rise);
+            now.tally.infeasible[l] = less(now.tally.infeasible[l], if short[l] { index } else { f64::INFINITY });
+        }
+    }
+    finish::<W, N, CURVED>((lanes, now), g, &begin)
+}
+
+/// The largest change of the square under the root for which its series is taken: what is left out is 5/128·x⁴ < 3·10⁻⁹ of the root,
+/// far less than what a step of this size misses.
+const FAR: f64 = 1.0 / 64.0;
+
+/// What is known of a step before its last current.
+#[derive(Clone, Copy)]
+struct Begin<const W: usize> {
+    /// √(E² − 4PR) at the start, V.
+    root: Row<W>,
+    /// Current at the start, A.
+    current: Row<W>,
+    /// OCV at the end if this current stayed, V.
+    open: Row<W>,
+    /// By how much E would change then, V.
+    d: Row<W>,
+    /// By how much the root changes, V.
+    rise: Row<W>,
+    /// How much of that E gets back at the end, V.
+    back: Row<W>,
+}
+
+impl<const W: usize> Begin<W> {
+    #[inline(always)]
+    fn put(&mut self, l: usize, (root, current, open): (f64, f64, f64), (d, rise, back): (f64, f64, f64)) {
+        (self.root[l], self.current[l], self.open[l]) = (root, current, open);
+        (self.d[l], self.rise[l], self.back[l]) = (d, rise, back);
+    }
+}
+
+/// By how much the root changes, taken anew in every lane where the step goes far, and whether more was asked for than there is.
+#[cold]
+#[inline(never)]
+fn far_roots<const W: usize, const N: usize>(
+    lanes: &Lanes<'_, W, N>,
+    (e, begin): (&Row<W>, &Begin<W>),
+    (from, to): (f64, f64),
+) -> ([Option<f64>; W], [bool; W]) {
+    let (mut rise, mut short) = ([None; W], [false; W]);
+    for l in 0..W {
+        let (e, d, asked) = (e[l], begin.d[l], lanes.asked[l]);
+        let inverse = 1.0 / (e * e - asked * from).max(0.0);
+        let (moved, more_asked) = change((e, d), asked * (to - from), inverse);
+        let near = (moved - more_asked).abs() <= FAR;
+        if !near {
+            let end = e + d;
+            rise[l] = Some((end * end - asked * to).max(0.0).sqrt() - begin.root[l]);
+            short[l] = (asked * from > e * e) | (asked * to > end * end);
+        }
+    }
+    (rise, short)
+}
+
+/// By which part of itself the square under the root changes: with E, and less what more is asked for.
+#[inline(always)]
+fn change((e, d): (f64, f64), more_asked: f64, inverse: f64) -> (f64, f64) {
+    ((d * inverse) * (2.0 * e + d), more_asked * inverse)
+}
+
+/// Moves the branches, E and the tally over a step of [`by_one_root`].
+#[inline(always)]
+fn finish<const W: usize, const N: usize, const CURVED: bool>(
+    (lanes, now): (&Lanes<'_, W, N>, &mut Now<W, N>),
+    g: &LaneGains<W, N>,
+    begin: &Begin<W>,
+) -> bool {
+    let mut left = false;
+    for l in 0..W {
+        let (e0, i0, d) = (now.e[l], begin.current[l], begin.d[l]);
+        let more = d - begin.rise[l];
+        let (e1, i1) = (e0 + d, i0 + more * lanes.half[l]);
+        for k in 0..N {
+            now.v[k][l] = (g.decay[k][l] * now.v[k][l] + g.both[k][l] * i0) + g.end_share[k][l] * more;
+        }
+        now.e[l] = (e1 - g.ends_share[l] * d) + begin.back[l];
+        if CURVED {
+            now.soc[l] -= 0.5 * g.soc[l] * (i0 + i1);
+            left |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
+            now.e[l] += ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - begin.open[l];
+        }
+        tally((lanes, now), g.step_s, (l, (e0, i0), (e1, i1)));
+    }
+    left
+}
+
+/// What the branches keep of their voltages over the step.
+#[inline(always)]
+fn kept<const W: usize, const N: usize>(now: &Now<W, N>, g: &LaneGains<W, N>, l: usize) -> f64 {
+    // Two sums, so that half as many wait for each other.
+    let mut kept = [0.0; 2];
+    for k in 0..N {
+        kept[k % 2] += g.decay[k][l] * now.v[k][l];
+    }
+    kept[0] + kept[1]
+}
+
+/// Adds a step of one lane from E and current at its start and end.
+#[inline(always)]
+fn tally<const W: usize, const N: usize>(
+    (lanes, now): (&Lanes<'_, W, N>, &mut Now<W, N>),
+    step_s: f64,
+    (l, (e0, i0), (e1, i1)): (usize, (f64, f64), (f64, f64)),
+) {
+    let (ccv0, ccv1) = (e0 - lanes.r[l] * i0, e1 - lanes.r[l] * i1);
+    let t = &mut now.tally;
+    t.charge[l] += 0.5 * step_s * (i0 + i1);
+    t.energy[l] += 0.5 * step_s * (i0 * ccv0 + i1 * ccv1);
+    let (inner0, inner1) = (ccv0 + lanes.interconnect[l] * i0, ccv1 + lanes.interconnect[l] * i1);
+    t.min_ccv[l] = less(t.min_ccv[l], less(ccv0, ccv1));
+    t.max_ccv[l] = more(t.max_ccv[l], more(ccv0, ccv1));
+    t.min_inner[l] = less(t.min_inner[l], less(inner0, inner1));
+    t.max_inner[l] = more(t.max_inner[l], more(inner0, inner1));
+    t.least_e[l] = less(t.least_e[l], less(e0, e1));
 }
 
 /// One step of all lanes; true when one has left its piece of the OCV curve.
@@ -70,11 +243,7 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
         // OCV − Σv is carried from step to step: summing the branches anew would make the next root wait for them.
         let e0 = now.e[l];
         let (i0, short0) = current::<W, N, LAW>(lanes, l, (e0, from * lanes.scale[l], fraction));
-        let mut kept = 0.0;
-        for k in 0..N {
-            kept += g.decay[k][l] * now.v[k][l];
-        }
-        let e1 = ocv::<W, N, CURVED>(lanes, l, now.soc[l] - g.soc[l] * i0) - kept - g.held[l] * i0;
+        let e1 = ocv::<W, N, CURVED>(lanes, l, now.soc[l] - g.soc[l] * i0) - kept(now, g, l) - g.held[l] * i0;
         let (i1, short1) = current::<W, N, LAW>(lanes, l, (e1, to * lanes.scale[l], fraction));
         let mut rest = 0.0;
         for k in 0..N {
@@ -87,16 +256,8 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
             left |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
         }
         now.e[l] = ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - rest - g.ends[l] * i1;
-        let (ccv0, ccv1) = (e0 - lanes.r[l] * i0, e1 - lanes.r[l] * i1);
+        tally((lanes, now), g.step_s, (l, (e0, i0), (e1, i1)));
         let t = &mut now.tally;
-        t.charge[l] += 0.5 * g.step_s * (i0 + i1);
-        t.energy[l] += 0.5 * g.step_s * (i0 * ccv0 + i1 * ccv1);
-        let (inner0, inner1) = (ccv0 + lanes.interconnect[l] * i0, ccv1 + lanes.interconnect[l] * i1);
-        t.min_ccv[l] = less(t.min_ccv[l], less(ccv0, ccv1));
-        t.max_ccv[l] = more(t.max_ccv[l], more(ccv0, ccv1));
-        t.min_inner[l] = less(t.min_inner[l], less(inner0, inner1));
-        t.max_inner[l] = more(t.max_inner[l], more(inner0, inner1));
-        t.least_e[l] = less(t.least_e[l], less(e0, e1));
         t.infeasible[l] = less(t.infeasible[l], if short0 | short1 { index } else { f64::INFINITY });
     }
     left
@@ -129,9 +290,6 @@ fn current<const W: usize, const N: usize, const LAW: u8>(
     let short = asked > square;
     // Compared anew below: the root must not wait for the verdict.
     let root = (square - asked).max(0.0).sqrt();
-    if LAW != TANGENT {
-        return ((e - root) * lanes.half[l], short);
-    }
     // One division for both, so that nothing branches and all lanes go on together.
     let on_tangent = asked > fraction * square;
     let over = lanes.tangent.0 * demand - lanes.tangent.1[l] * square;

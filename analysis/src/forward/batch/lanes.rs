@@ -20,6 +20,13 @@ pub(super) struct LaneGains<const W: usize, const N: usize> {
     pub(super) held: Row<W>,
     /// Σ of `end` over the branches, Ω.
     pub(super) ends: Row<W>,
+    /// `start` + `end`, Ω.
+    pub(super) both: [Row<W>; N],
+    /// `end`/2R.
+    pub(super) end_share: [Row<W>; N],
+    /// `held` and `ends` per 2R: what a volt of the root moves.
+    pub(super) held_share: Row<W>,
+    pub(super) ends_share: Row<W>,
     /// SOC per ampere over the step.
     pub(super) soc: Row<W>,
     pub(super) step_s: f64,
@@ -41,6 +48,8 @@ pub(super) struct Lanes<'a, const W: usize, const N: usize> {
     pub(super) r: Row<W>,
     /// 1/2R.
     pub(super) half: Row<W>,
+    /// 4R times the scale: what of a demand stands under the root.
+    pub(super) asked: Row<W>,
     pub(super) interconnect: Row<W>,
     pub(super) scale: Row<W>,
     /// 1/c and (1 − c)²/4cR of the tangent, c = √(1 − P₀/P*).
@@ -78,7 +87,7 @@ pub(super) struct Tally<const W: usize> {
 
 impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
     /// Lanes beyond the last cell repeat it.
-    pub(super) fn new(cells: &[BatchCell<'a>], plan: &Plan) -> Self {
+    pub(super) fn new(cells: &[BatchCell<'a>], plan: &Plan<'_>) -> Self {
         let cell = |l: usize| cells[l.min(cells.len() - 1)];
         let row = |f: &dyn Fn(BatchCell<'a>) -> f64| -> Row<W> { std::array::from_fn(|l| f(cell(l))) };
         let c = if let Beyond::Extrapolate { fraction } = plan.beyond { (1.0 - fraction).sqrt() } else { 1.0 };
@@ -97,6 +106,7 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
         let mut lanes = Self {
             r,
             half: r.map(|r| 0.5 / r),
+            asked: row(&|c| 4.0 * c.model.erm.r_ohm * c.scale),
             interconnect: row(&|c| c.model.pack.interconnect_ohm),
             scale: row(&|c| c.scale),
             tangent: (1.0 / c, r.map(|r| (1.0 - c) * (1.0 - c) / (4.0 * c * r))),
@@ -126,10 +136,10 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
         }
     }
 
-    pub(super) fn outcome(&self, l: usize, cell: &BatchCell<'_>, plan: &Plan) -> BatchOutcome {
+    pub(super) fn outcome(&self, l: usize, cell: &BatchCell<'_>, plan: &Plan<'_>) -> BatchOutcome {
         let t = &self.now.tally;
         let first = t.infeasible[l];
-        let infeasible_s = first.is_finite().then(|| plan.time_s(first as usize));
+        let infeasible_s = first.is_finite().then(|| plan.time_s(first as u64));
         let series = f64::from(cell.model.pack.series);
         let branches = cell.state.v_rc_v.len();
         BatchOutcome {
@@ -192,12 +202,19 @@ fn gains<'a, const W: usize, const N: usize>(cell: &impl Fn(usize) -> BatchCell<
     let none = Gain { decay: 0.0, start: 0.0, end: 0.0, phi: 0.0 };
     let gain = |k: usize, l: usize| cell(l).model.erm.branches.get(k).map_or(none, |b| Gain::new(b.r_ohm, b.c_f, step_s));
     let gain: [[Gain; W]; N] = std::array::from_fn(|k| std::array::from_fn(|l| gain(k, l)));
+    let held = std::array::from_fn(|l| gain.iter().map(|row| row[l].start + row[l].end).sum());
+    let ends = std::array::from_fn(|l| gain.iter().map(|row| row[l].end).sum());
+    let share = |row: &Row<W>| std::array::from_fn(|l| row[l] * 0.5 / cell(l).model.erm.r_ohm);
     LaneGains {
         decay: gain.map(|row| row.map(|g| g.decay)),
         start: gain.map(|row| row.map(|g| g.start)),
         end: gain.map(|row| row.map(|g| g.end)),
-        held: std::array::from_fn(|l| gain.iter().map(|row| row[l].start + row[l].end).sum()),
-        ends: std::array::from_fn(|l| gain.iter().map(|row| row[l].end).sum()),
+        both: gain.map(|row| row.map(|g| g.start + g.end)),
+        end_share: gain.map(|row| share(&row.map(|g| g.end))),
+        held_share: share(&held),
+        ends_share: share(&ends),
+        held,
+        ends,
         soc: std::array::from_fn(|l| step_s / cell(l).model.capacity_c()),
         step_s,
     }
