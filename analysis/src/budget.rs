@@ -49,6 +49,19 @@ impl Cause {
         }
     }
 
+    /// Index of its colour in a plot: lines of the record and broken lines of the correction may share one, the last is that of the total.
+    const fn colour(self) -> usize {
+        match self {
+            Self::Noise | Self::Correction(Source::Mutual) => 0,
+            Self::Quantisation | Self::Correction(Source::FakeCell) => 1,
+            Self::Drift | Self::Correction(Source::Short) => 2,
+            Self::Correction(Source::Shunt | Source::Open) => 3,
+            Self::Correction(Source::Gain) => 4,
+            Self::Correction(Source::Skew) => 5,
+            Self::Correction(Source::ControlNoise) => TOTAL_COLOUR,
+        }
+    }
+
     /// Name for people.
     const fn words(self) -> &'static str {
         match self {
@@ -188,8 +201,13 @@ impl Budget {
             });
             Panel { aspect: 0.36, ..Panel::new(x(), AxisSpec::logarithmic(name), traces) }
         };
-        let magnitude = panel("1σ of |Z| / %", true, |sigma| sigma.magnitude_pct);
+        let mut magnitude = panel("1σ of |Z| / %", true, |sigma| sigma.magnitude_pct);
         let phase = panel("1σ of the phase / °", false, |sigma| sigma.phase_deg);
+        for (above, below) in magnitude.traces.iter_mut().zip(&phase.traces) {
+            if above.points.is_empty() && below.points.is_empty() {
+                above.label = None;
+            }
+        }
         Chart::new(
             title,
             "one standard deviation by cause; solid: of the record, dashed: of the correction, points: all together",
@@ -200,13 +218,13 @@ impl Budget {
     fn traces(&self, labelled: bool, place: impl Fn(&BudgetPoint, Covariance2) -> Option<(f64, f64)>) -> Vec<Trace> {
         let name = |words: &'static str| if labelled { words } else { "" };
         let mut traces = Vec::new();
-        for (index, cause) in self.causes().into_iter().enumerate() {
+        for cause in self.causes() {
             let part = |point: &BudgetPoint| point.parts.iter().find(|part| part.0 == cause).and_then(|part| place(point, part.1));
             let style = if matches!(cause, Cause::Correction(_)) { TraceStyle::Dashed } else { TraceStyle::Line };
-            traces.push(Trace::new(name(cause.words()), index, style, self.points.iter().filter_map(part).collect()));
+            traces.push(Trace::new(name(cause.words()), cause.colour(), style, self.points.iter().filter_map(part).collect()));
         }
         let total = self.points.iter().filter_map(|point| place(point, point.point.covariance)).collect();
-        traces.push(Trace::new(name("total"), 0, TraceStyle::Points, total));
+        traces.push(Trace::new(name("total"), TOTAL_COLOUR, TraceStyle::Points, total));
         traces
     }
 
@@ -223,7 +241,8 @@ impl Budget {
 }
 
 /// Parts below this share of the largest total are not drawn.
-const DRAWN: f64 = 1e-3;
+const DRAWN: f64 = 3e-3;
+const TOTAL_COLOUR: usize = 6;
 
 /// Two significant digits for a small number, four for a large one.
 fn short(value: f64) -> String {

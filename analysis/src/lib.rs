@@ -1,10 +1,10 @@
 //! Captures to sinusoids, sinusoids to impedance, impedance to a battery model. Numbers in, numbers out.
 //!
 //! In reading order: [`sine`] fits sinusoids to samples, [`calibration`] corrects the harness from the control impedances, [`budget`] tells where
-//! the uncertainty comes from, [`spectrum`] holds
-//! complex impedances with their uncertainty, [`model`] is the extended Randles model (ERM), [`fit`] finds its parameters, [`ocv`] is its voltage at rest, [`pack`] maps a cell
-//! to an SxP pack, [`forward`] simulates
-//! a cell or a pack under a load; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures.
+//! the uncertainty comes from, [`spectrum`] holds complex impedances with their uncertainty, [`validity`] judges them, [`model`] is the extended
+//! Randles model (ERM) and circuits in general, [`fit`] finds their parameters, [`drt`] shows their time constants, [`ocv`] is the voltage at rest,
+//! [`joint`] fits the model to spectra and pulses of a [`series`] together, [`pack`] maps a cell to an SxP pack, [`forward`] simulates a cell or a
+//! pack under a load, [`sop`] finds the most power that can be held; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures.
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 

@@ -7,7 +7,7 @@ mod phasors;
 
 use num_complex::Complex64;
 
-pub use phasors::{ChannelPhasors, PhasorVariance, code_step};
+pub use phasors::{ChannelPhasors, PhasorVariance};
 
 /// A complex impedance at one frequency with the covariance of its parts.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -28,6 +28,13 @@ Examples:
     eis-bench kk SPECTRUM.csv --drt --out FOLDER
   Run a load profile through a pack of the fitted cells:
     eis-bench simulate --model FOLDER/model_4rc.json --profile POWER.csv --series 16 --parallel 3 --ocv-v 3.72
+  Open-circuit voltage from a slow discharge:
+    eis-bench ocv DISCHARGE.csv --out FOLDER
+  The model from spectra and pulses together:
+    eis-bench joint --spectra CELL*.csv --series PULSES.csv --ocv-from DISCHARGE.csv --out FOLDER
+  What a pack can give and take, and for how long:
+    eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015
+    eis-bench sop --model FOLDER/model_4rc.json --series 16 --parallel 3 --ocv-v 3.6
 
 Exit codes:
   0  done
@@ -140,8 +147,8 @@ pub struct FitArgs {
     /// One fit over all spectra instead of one for each.
     #[arg(long)]
     pub pool: bool,
-    /// Orders: a number of RC pairs, several with commas, or `all` for 1 to 4.
-    #[arg(long, default_value = "all", value_name = "N|all")]
+    /// Orders: a number of RC pairs, several with commas, `all` for 1 to 4, or `auto` for the one that the data bear.
+    #[arg(long, default_value = "all", value_name = "N|all|auto")]
     pub rc: String,
     /// What is minimised: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only) or `complex` (least squares).
     #[arg(long, default_value = "complex")]
@@ -155,6 +162,9 @@ pub struct FitArgs {
     /// Write models, plots and a report into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Order, uncertainty and search in depth.
+    #[command(flatten)]
+    pub more: command::fit_more::MoreArgs,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
@@ -200,7 +210,8 @@ mod tests {
     fn the_command_line_is_sound_and_its_help_teaches() {
         Cli::command().debug_assert();
         let help = Cli::command().render_long_help().to_string();
-        for text in ["run", "plan", "mock", "identify", "fit", "simulate", "Examples:", "Exit codes:"] {
+        for text in ["run", "plan", "mock", "identify", "fit", "kk", "ocv", "joint", "simulate", "pack", "sop", "Examples:", "Exit codes:"]
+        {
             assert!(help.contains(text), "{help}");
         }
     }

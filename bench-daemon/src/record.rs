@@ -3,6 +3,7 @@
 //! `config/` the files that were read · `manifest.json` what ran · `events.csv` every step with bench time · `readings.csv` every reading (at the end
 //! also `readings.parquet`) ·
 //! `captures/FIXTURE/…parquet` raw ADC codes · `raw_FIXTURE.csv` impedances before correction · `correction.json` · `spectrum.csv`, `.parquet` ·
+//! `budget.csv`, `.json` ·
 //! `model_Nrc.json` · `plots/` · `report.html` · `transcripts/` every message · `log.txt`.
 
 use std::{
@@ -228,6 +229,7 @@ pub(crate) fn code_scale(waveform: &Waveform) -> CodeScale {
         offset_v: preamble.offset_v,
         code_min: preamble.code_min,
         code_max: preamble.code_max,
+        code_step: preamble.code_step,
     }
 }
 

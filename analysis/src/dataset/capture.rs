@@ -117,13 +117,14 @@ fn pairs(meta: &CaptureMeta) -> Vec<(String, String)> {
         ("start_s".to_owned(), format!("{:?}", meta.start_s)),
     ];
     for (index, channel) in meta.channels.iter().enumerate() {
-        let CodeScale { volts_per_code, offset_v, code_min, code_max } = channel.scale;
+        let CodeScale { volts_per_code, offset_v, code_min, code_max, code_step } = channel.scale;
         let mut put = |name: &str, value: String| pairs.push((format!("c{}.{name}", index + 1), value));
         put("volts_per_code", format!("{volts_per_code:?}"));
         put("offset_v", format!("{offset_v:?}"));
         put("volts_per_div", format!("{:?}", channel.volts_per_div));
         put("code_min", code_min.to_string());
         put("code_max", code_max.to_string());
+        put("code_step", code_step.to_string());
     }
     pairs
 }
@@ -152,6 +153,8 @@ impl Metadata<'_> {
             offset_v: self.get(&key("offset_v"), "a number")?,
             code_min: self.get(&key("code_min"), "a whole number of 16 bits")?,
             code_max: self.get(&key("code_max"), "a whole number of 16 bits")?,
+            // Captures of the first version do not say.
+            code_step: if self.pairs.contains_key(&key("code_step")) { self.get(&key("code_step"), "a whole number above 0")? } else { 1 },
         };
         Ok(ChannelMeta { scale, volts_per_div: self.get(&key("volts_per_div"), "a number")? })
     }

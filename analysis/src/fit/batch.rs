@@ -2,6 +2,9 @@
 //! arithmetic operation into vector instructions (AVX2 where the machine has it, chosen at run time). Every member's arithmetic is the same in
 //! every lane and on every machine: no fused operations, no sums across lanes.
 
+// Index loops over triangles of small matrices say what the formulas say.
+#![allow(clippy::needless_range_loop)]
+
 use super::global::Columns;
 use super::linalg::{BoxQuadratic, MAX_UNKNOWNS};
 use super::options::{Bounds, Objective};

@@ -1,6 +1,7 @@
 //! The files a fit leaves: the list of fits as the command line prints it, and one model file per order.
 
 use super::erm::ErmFit;
+use super::minima::LocalMinimum;
 use super::options::Objective;
 use super::uncertainty::ErmSigma;
 use crate::model::{Erm, RcBranch};
@@ -49,6 +50,9 @@ pub struct FitEntry {
     pub reduced_chi2: Option<f64>,
     /// What a user must know.
     pub warnings: Vec<String>,
+    /// Other minima that the search met, deepest first.
+    #[serde(default)]
+    pub other_minima: Vec<LocalMinimum>,
 }
 
 impl FitEntry {
@@ -68,6 +72,7 @@ impl FitEntry {
             rms_ohm: fit.rms_ohm,
             reduced_chi2: fit.reduced_chi2,
             warnings: fit.warnings.clone(),
+            other_minima: fit.other_minima.clone(),
         }
     }
 }

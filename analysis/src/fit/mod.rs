@@ -1,10 +1,12 @@
 //! Parameters of the extended Randles model from impedance spectra.
 //!
 //! [`fit_erm`] pools the spectra, searches globally over the time constants (the resistances are linear once these are held), polishes the
-//! distinct basins to the last digits within the bounds, and says how well the data fix each parameter. It needs no start values. Which order
-//! is worth having is for the caller to judge from the figures of several fits. [`fit_circuit`] does the same for any equivalent circuit.
+//! distinct basins to the last digits within the bounds, and says how well the data fix each parameter. It needs no start values.
+//! [`select_order`] says how many branches the data bear, [`profiles`] what bounds each parameter, [`cell_spread`] how cells differ and repeat,
+//! [`survey_seeds`] how surely the search ends at the best and what lies beside it. [`fit_circuit`] fits any equivalent circuit.
 
 mod batch;
+mod cells;
 mod circuit;
 mod erm;
 mod global;
@@ -13,13 +15,20 @@ pub(crate) mod linalg;
 mod local;
 mod minima;
 mod options;
+mod order;
 mod problem;
+mod profile;
 mod projection;
 mod rng;
 mod search;
+mod spread;
+mod stats;
 mod uncertainty;
+mod verdict;
 mod warnings;
+mod whiteness;
 
+pub use cells::{CellSweeps, Components, FrequencySpread, components, frequency_spread};
 pub use circuit::{CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit};
 pub use erm::{ErmFit, fit_erm, fit_erm_from};
 pub use global::{Columns, DeOptions, Evolution, Member, Strategy, differential_evolution};
@@ -27,7 +36,10 @@ pub use json::{FitEntry, FitReport, JointProvenance, JsonError, MODEL_SCHEMA, MO
 pub use local::{LocalOptions, Minimum, Smooth, minimise};
 pub use minima::{LocalMinimum, SeedSurvey, survey_seeds};
 pub use options::{Bounds, FitError, FitOptions, MAX_RC, Objective};
+pub use order::{OrderOptions, OrderRow, OrderSelection, select_order};
+pub use profile::{Interval, Profile, profiles};
 pub use rng::Rng;
+pub use spread::{CellSpread, ParameterSpread, QuantitySpread, cell_spread};
 pub(crate) use uncertainty::sigma_of;
 pub use uncertainty::{ErmSigma, RcSigma};
 

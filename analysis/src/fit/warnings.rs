@@ -88,15 +88,20 @@ fn outside_the_band(fit: &ErmFit, problem: &Problem, found: &mut Vec<String>) {
         if tau > slow_s {
             found.push(format!(
                 "branch {k}: its time constant of {tau:.3} s is beyond the {slow_s:.3} s of the lowest frequency ({} Hz): R{k} and C{k} are extrapolated",
-                first.freq_hz
+                short(first.freq_hz)
             ));
         } else if tau < fast_s {
             found.push(format!(
                 "branch {k}: its time constant of {:.3} ms is below the {:.3} ms of the highest frequency ({} Hz): R{k} and C{k} are extrapolated",
                 tau * 1e3,
                 fast_s * 1e3,
-                last.freq_hz
+                short(last.freq_hz)
             ));
         }
     }
+}
+
+/// Five digits are enough for a frequency in a sentence.
+fn short(freq_hz: f64) -> f64 {
+    format!("{freq_hz:.4e}").parse().unwrap_or(freq_hz)
 }

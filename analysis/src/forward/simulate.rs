@@ -82,7 +82,7 @@ pub struct Simulation {
 ///
 /// # Errors
 /// [`ForwardError`] for a state of another model, options that cannot be, or a model driven beyond its meaning. Power that cannot be had is no
-/// error but a result.
+/// error but a result; when it is asked for so long that nothing is left behind the series resistance, the run ends there under any policy.
 pub fn simulate(model: &SimModel, state: &SimState, profile: &Profile, options: &SimOptions) -> Result<Simulation, ForwardError> {
     model.check(state)?;
     options.check(profile)?;
@@ -97,15 +97,15 @@ pub fn simulate(model: &SimModel, state: &SimState, profile: &Profile, options: 
     };
     let mut last_demand = None;
     for piece in profile.pieces(options.max_step_s) {
-        let start = run.look(piece.from_s, piece.from)?;
+        let Some(start) = run.ended(|run| run.look(piece.from_s, piece.from).map(Some))? else { break };
         if last_demand != Some(piece.from) {
             run.book.row(&start, &run.state);
         }
         last_demand = Some(piece.to);
-        let arrived = match options.method {
-            Method::Exact => run.piece(&piece, start)?,
-            Method::Thesis => run.euler(&piece, start)?,
-        };
+        let arrived = run.ended(|run| match options.method {
+            Method::Exact => run.piece(&piece, start),
+            Method::Thesis => run.euler(&piece, start),
+        })?;
         let Some(end) = arrived else { break };
         run.book.row(&end, &run.state);
     }
@@ -169,6 +169,14 @@ impl Run<'_> {
         let demand_w = if power { demand } else { ccv_v * current_a };
         let available_w = self.mover.drive.available_w(e_v);
         Ok(Point { time_s, demand_w, current_a, ccv_v, ocv_v, available_w, infeasible: reply.infeasible })
+    }
+
+    /// A collapse after power that could not be had is the end of the run, not an error.
+    fn ended(&mut self, go: impl FnOnce(&mut Self) -> Result<Option<Point>, ForwardError>) -> Result<Option<Point>, ForwardError> {
+        match go(self) {
+            Err(ForwardError::Collapsed { .. }) if !self.book.feasible() => Ok(None),
+            other => other,
+        }
     }
 
     fn stops(&self, infeasible: bool) -> bool {

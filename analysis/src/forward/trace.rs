@@ -160,6 +160,11 @@ impl<'m> Book<'m> {
         s.feasible &= !p.infeasible;
     }
 
+    /// True while all power asked for could be had.
+    pub(super) fn feasible(&self) -> bool {
+        self.summary.feasible
+    }
+
     /// Adds a row to the trace.
     pub(super) fn row(&mut self, p: &Point, state: &SimState) {
         if self.first.is_none() {

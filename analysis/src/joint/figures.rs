@@ -6,27 +6,37 @@ use crate::plot::{AxisSpec, Chart, Panel, Trace, TraceStyle};
 
 /// Most pulses in one picture.
 const MOST: usize = 5;
+/// Time drawn around an edge, s.
+const DRAWN_S: (f64, f64) = (-15.0, 70.0);
 
 impl Study {
     /// The pulses of the range: voltage over time since the edge, the OCV's share of the drift left in.
     pub fn pulses_chart(&self, name: &str) -> Chart {
         let inside: Vec<&PulseResult> = self.pulses.iter().filter(|p| p.role != Role::Outside).take(MOST).collect();
         let panel = |(k, p): (usize, &&PulseResult)| {
-            let (t, end) = (|row: &[f64; 4]| row[0], p.overlay.iter().map(|r| r[0]).fold(0.0, f64::max));
-            let line = |column: usize| p.overlay.iter().map(|r| (t(r), 1e3 * r[column])).collect::<Vec<_>>();
+            let points = |column: usize, keep: &dyn Fn(f64) -> bool| -> Vec<(f64, f64)> {
+                p.overlay
+                    .iter()
+                    .filter(|r| keep(r[0]) && (DRAWN_S.0..=DRAWN_S.1).contains(&r[0]))
+                    .map(|r| (r[0], 1e3 * r[column]))
+                    .collect()
+            };
             let label = |text: &'static str| if k == 0 { text } else { "" };
-            let traces = vec![
-                Trace::new(label("measured"), 0, TraceStyle::Points, line(1)),
-                Trace::new(label("spectra alone"), 1, TraceStyle::Dashed, line(2)),
-                Trace::new(label("spectra and pulses"), 2, TraceStyle::Line, line(3)),
-            ];
+            let mut traces = vec![Trace::new(label("measured, means over bins"), 0, TraceStyle::Points, points(1, &|_| true))];
+            for (column, text) in [(2, "spectra alone"), (3, "spectra and pulses")] {
+                let style = if column == 2 { TraceStyle::Dashed } else { TraceStyle::Line };
+                // A line across an edge would show a slope that nobody measured.
+                let parts: [&dyn Fn(f64) -> bool; 3] = [&|t| t <= 0.0, &|t| t > 0.0 && t <= p.length_s, &|t| t > p.length_s];
+                for (j, part) in parts.into_iter().enumerate() {
+                    traces.push(Trace::new(if j == 1 { label(text) } else { "" }, column - 1, style, points(column, part)));
+                }
+            }
             let role = if p.role == Role::Fitted { "fitted" } else { "held out" };
             let y = AxisSpec::linear(&format!("{role}, {:.2} V / mV", p.joint.ocv_v));
-            Panel { aspect: 0.26, ..Panel::new(AxisSpec::linear("Time since the edge / s").between(-30.0, end), y, traces) }
+            Panel { aspect: 0.26, ..Panel::new(AxisSpec::linear("Time since the edge / s").between(DRAWN_S.0, DRAWN_S.1), y, traces) }
         };
         let panels = inside.iter().enumerate().map(panel).collect();
-        let subtitle =
-            format!("{name}; voltage less that before the edge; {} RC from spectra alone, {} RC from both", self.spectra_rc, self.rc);
+        let subtitle = format!("{name}: less the voltage before the edge; {} and {} RC", self.spectra_rc, self.rc);
         Chart::new("Pulses measured and predicted", &subtitle, panels)
     }
 

@@ -99,7 +99,17 @@ pub(super) fn erm(x: &[f64]) -> Option<Erm> {
 
 impl Smooth for Likelihood<'_> {
     fn value(&self, x: &[f64]) -> f64 {
-        square(&self.all(x))
+        let Some(erm) = erm(x) else { return f64::INFINITY };
+        let (gain, edge) = (x[x.len() - 2].exp(), x[x.len() - 1]);
+        let mut sum = square(&self.spectral(x)) + square(&self.prior(x));
+        for window in self.windows {
+            let start = window.bins[0].voltage_v;
+            let voltages = window.voltages(&erm, gain, edge);
+            let mut values: Vec<f64> = window.bins.iter().zip(voltages).map(|(b, v)| v - (b.voltage_v - start)).collect();
+            window.whiten(&mut values);
+            sum += values.iter().map(|v| v * v).sum::<f64>();
+        }
+        sum
     }
 
     fn expand(&self, x: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {

@@ -69,6 +69,8 @@ pub struct OrderResult {
 pub struct PulseResult {
     /// What it was used for.
     pub role: Role,
+    /// From its first edge to its second, s.
+    pub length_s: f64,
     /// The model of the spectra alone.
     pub spectra: Gap,
     /// The joint model.
@@ -225,7 +227,8 @@ fn pulses(source: &Source<'_>, (windows, roles): (&[PulseWindow], &[Role]), stud
     let one = |(((window, role), spectra_gap), joint_gap): (((&PulseWindow, &Role), Gap), Gap)| {
         let lines = overlay(window, spectra).into_iter().zip(overlay(window, joint));
         let overlay = lines.map(|((t, measured, a), (_, _, b))| [t, measured, a, b]).collect();
-        PulseResult { role: *role, spectra: spectra_gap, joint: joint_gap, overlay }
+        let length_s = window.pulse.edges_s[1].0 - window.pulse.start_s();
+        PulseResult { role: *role, length_s, spectra: spectra_gap, joint: joint_gap, overlay }
     };
     windows.iter().zip(roles).zip(alone).zip(both).map(one).collect()
 }
@@ -242,6 +245,7 @@ fn warnings(study: &Study) -> Vec<String> {
             away.abs()
         ));
     }
+    found.extend(wandering(study));
     if !study.pulses.iter().any(|p| p.role == Role::HeldOut) {
         found.push("one pulse lies in the OCV range: nothing could be held out, the joint model is untested".to_owned());
     }
@@ -253,4 +257,25 @@ fn warnings(study: &Study) -> Vec<String> {
         None => found.push("spectra of one cell: the spread between cells is not in the prediction's uncertainty".to_owned()),
     }
     found
+}
+
+/// Diffusion has no end in the time the data reach: each branch more reaches further.
+fn wandering(study: &Study) -> Option<String> {
+    let next = study.orders.iter().find(|o| o.rc + 1 == study.rc)?;
+    let joint = study.joint()?;
+    let (a, b) = (&next.joint, joint);
+    let difference = (a.dc_resistance_ohm - b.dc_resistance_ohm).abs();
+    let spread = a.sigma.dc_resistance_ohm?.hypot(b.sigma.dc_resistance_ohm?);
+    let (after, sigma) = joint.step_resistance.first().and_then(|s| Some((s.1, s.2?)))?;
+    (difference > spread).then(|| {
+        format!(
+            "the DC resistance still moves with the order, by {:.1} mΩ from {} to {} RC: the cell goes on relaxing beyond what the pulses reach; believe the \
+             resistance after 10 s, {:.2} ± {:.2} mΩ",
+            1e3 * difference,
+            next.rc,
+            study.rc,
+            1e3 * after,
+            1e3 * sigma
+        )
+    })
 }

@@ -6,7 +6,7 @@
 
 use super::noise::NoiseModel;
 use super::pulse::Pulse;
-use super::response::add_step;
+use super::response::{add_step, step_resistance_ohm};
 use crate::fit::linalg;
 use crate::model::Erm;
 use crate::ocv::OcvCurve;
@@ -126,6 +126,19 @@ impl PulseWindow {
             (bin.ocv_v + lost, slopes)
         };
         self.bins.iter().map(one).collect()
+    }
+
+    /// Model voltage of each bin alone, V: what a search mostly asks for.
+    pub(super) fn voltages(&self, erm: &Erm, gain: f64, edge: f64) -> Vec<f64> {
+        let lost = |time_s: &f64| {
+            let steps = self.pulse.edges_s.iter().enumerate().filter(|(_, (_, first))| time_s >= first);
+            let one = |(j, (last, first)): (usize, &(f64, f64))| {
+                let step = self.pulse.current_a[j + 1] - self.pulse.current_a[j];
+                step * step_resistance_ohm(erm, time_s - last - edge * (first - last))
+            };
+            steps.map(one).sum::<f64>()
+        };
+        self.bins.iter().map(|b| b.ocv_v - gain * b.times_s.iter().map(lost).sum::<f64>() / b.times_s.len() as f64).collect()
     }
 
     /// Turns a vector over the bins into one whose errors are independent and of variance 1.

@@ -2,7 +2,7 @@
 //!
 //! All cells are taken as identical, so Z_pack = S/P · Z_cell (equation 3.3), which resistances times S/P and capacitances times P/S fulfil
 //! (equations 3.4, 3.6, 3.10; the proof there is for one RC circuit, the law holds branch by branch). [`Sizing`] is what the simple-IR model says a
-//! pack can do.
+//! pack can do; [`scatter`] drops the assumption of identical cells. OCV and capacity of a pack are in [`crate::forward::SimModel`].
 
 mod heat;
 mod network;

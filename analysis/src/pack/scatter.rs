@@ -3,6 +3,10 @@
 //! Resistances, capacitances and capacities are drawn per cell, the state of charge per group: cells in parallel rest at one voltage, hence at one
 //! state of charge. Factors are log-normal, so that none is negative. Equal seeds give equal draws on any number of cores.
 
+mod outcome;
+
+pub use outcome::{Outcome, Percentiles};
+
 use super::network::{Cell, Network, Wiring};
 use super::{Pack, PackError, ThermalMass};
 use crate::fit::Rng;
@@ -12,9 +16,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 /// Steps of one draw at most.
-const MOST_STEPS: f64 = 1e7;
-/// Instants kept for the bands.
-const BAND_ROWS: usize = 300;
+const MOST_STEPS: f64 = 2e6;
+/// Stretches of the profile of which the bands keep the instants of lowest and highest voltage.
+const STRETCHES: usize = 250;
 
 /// How much cells differ, one standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -95,76 +99,6 @@ pub struct Draws {
     pub seed: u64,
 }
 
-/// What happened to one pack.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Outcome {
-    /// Lowest voltage of any cell, V.
-    pub min_cell_v: f64,
-    /// When, s.
-    pub min_cell_time_s: f64,
-    /// Its group, from 1.
-    pub min_cell_group: usize,
-    /// Highest voltage of any cell, V.
-    pub max_cell_v: f64,
-    /// Lowest voltage of the pack, V.
-    pub min_ccv_v: f64,
-    /// Lowest voltage above the lower limit, V; negative below it.
-    pub margin_low_v: f64,
-    /// Highest voltage below the upper limit, V; negative above it.
-    pub margin_high_v: f64,
-    /// Largest current of any cell, A, without sign.
-    pub largest_cell_a: f64,
-    /// Largest current of any cell over the largest mean current of the cells; 1 for identical cells.
-    pub largest_share: f64,
-    /// Difference of the highest and the lowest state of charge at the end; none for a constant OCV.
-    pub soc_spread_end: Option<f64>,
-    /// Joule heat in the hottest cell, J.
-    pub hottest_heat_j: f64,
-    /// Its temperature rise if no heat leaves it, K.
-    pub hottest_rise_k: f64,
-    /// Energy delivered at the terminals, J.
-    pub energy_j: f64,
-    /// Whether all power asked for could be had.
-    pub feasible: bool,
-}
-
-impl Outcome {
-    /// Whether every cell stayed within the window and all power could be had.
-    pub fn within(&self) -> bool {
-        self.feasible && self.margin_low_v >= 0.0 && self.margin_high_v >= 0.0
-    }
-}
-
-/// Percentiles of a figure over the draws.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Percentiles {
-    /// 1 % of the draws lie below.
-    pub p1: f64,
-    /// 5 %.
-    pub p5: f64,
-    /// Half.
-    pub p50: f64,
-    /// 95 %.
-    pub p95: f64,
-    /// 99 %.
-    pub p99: f64,
-}
-
-impl Percentiles {
-    /// Percentiles by linear interpolation between the order statistics; not a number for no values.
-    pub fn of(values: impl Iterator<Item = f64>) -> Self {
-        let mut sorted: Vec<f64> = values.collect();
-        sorted.sort_by(f64::total_cmp);
-        let at = |p: f64| {
-            let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
-            let place = p * last as f64;
-            let (low, high) = (place.floor() as usize, (place.ceil() as usize).min(last));
-            sorted[low] + (place - place.floor()) * (sorted[high] - sorted[low])
-        };
-        Self { p1: at(0.01), p5: at(0.05), p50: at(0.5), p95: at(0.95), p99: at(0.99) }
-    }
-}
-
 /// An instant of all draws.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BandRow {
@@ -194,13 +128,18 @@ pub struct Scatter {
 }
 
 impl Scatter {
+    /// Share of the draws that cannot deliver all the power asked for.
+    pub fn short_of_power(&self) -> f64 {
+        self.outcomes.iter().filter(|o| !o.feasible).count() as f64 / self.outcomes.len() as f64
+    }
+
     /// Share of the draws that leave the window or cannot deliver, and its 95 % interval (Wilson).
     pub fn leaving(&self) -> (f64, [f64; 2]) {
         let n = self.outcomes.len() as f64;
         let p = self.outcomes.iter().filter(|o| !o.within()).count() as f64 / n;
         let z2 = 1.959_964_f64.powi(2);
         let (centre, half) = (p + 0.5 * z2 / n, (z2 * (p * (1.0 - p) / n + 0.25 * z2 / (n * n))).sqrt());
-        (p, [(centre - half).max(0.0) / (1.0 + z2 / n), (centre + half) / (1.0 + z2 / n)])
+        (p, [if p > 0.0 { (centre - half) / (1.0 + z2 / n) } else { 0.0 }, (centre + half) / (1.0 + z2 / n)])
     }
 }
 
@@ -216,12 +155,16 @@ pub fn scatter(setup: &ScatterSetup<'_>, spread: &Spread, draws: Draws) -> Resul
     }
     let pieces = pieces(setup.profile, setup.max_step_s);
     let mut rng = Rng::new(draws.seed);
-    let (identical, line) = run(setup, &Spread::NONE.draw(setup, &mut rng.clone()), &pieces);
+    let (identical, all) = run(setup, &Spread::NONE.draw(setup, &mut rng.clone()), &pieces, &|_| true);
+    let kept = telling(&all);
+    let line: Vec<Instant> = all.into_iter().zip(&kept).filter(|(_, kept)| **kept).map(|(instant, _)| instant).collect();
     let halved = self::pieces(setup.profile, 0.5 * pieces.iter().fold(0.0, |longest, p| p.step_s.max(longest)));
-    let (finer, _) = run(setup, &Spread::NONE.draw(setup, &mut rng.clone()), &halved);
+    let (finer, _) = run(setup, &Spread::NONE.draw(setup, &mut rng.clone()), &halved, &|_| false);
     let seeds: Vec<u64> = (0..draws.draws).map(|_| rng.next_u64()).collect();
-    let runs: Vec<(Outcome, Vec<Instant>)> =
-        seeds.par_iter().map(|&seed| run(setup, &spread.draw(setup, &mut Rng::new(seed)), &pieces)).collect();
+    let runs: Vec<(Outcome, Vec<Instant>)> = seeds
+        .par_iter()
+        .map(|&seed| run(setup, &spread.draw(setup, &mut Rng::new(seed)), &pieces, &|k| kept.get(k) == Some(&true)))
+        .collect();
     let bands = line.iter().enumerate().map(|(k, instant)| {
         // A draw that broke down early has no later instants.
         let all = |which: fn(&Instant) -> f64| Percentiles::of(runs.iter().filter_map(|r| r.1.get(k)).map(which));
@@ -252,7 +195,7 @@ fn check(setup: &ScatterSetup<'_>) -> Result<(), PackError> {
     }
     let steps = setup.profile.duration_s() / setup.max_step_s;
     if setup.max_step_s.is_nan() || setup.max_step_s <= 0.0 || steps > MOST_STEPS {
-        return fail("longest step", "seconds above 0 that make fewer than 1e7 steps", setup.max_step_s);
+        return fail("longest step", "seconds above 0 that make fewer than 2e6 steps", setup.max_step_s);
     }
     Ok(())
 }
@@ -357,7 +300,27 @@ impl Watch {
     }
 }
 
-fn run(setup: &ScatterSetup<'_>, cells: &[Cell], pieces: &[Piece]) -> (Outcome, Vec<Instant>) {
+/// The first and the last instant, and of every stretch those of lowest and highest voltage: a peak of one step must not get lost.
+fn telling(all: &[Instant]) -> Vec<bool> {
+    let mut kept = vec![false; all.len()];
+    let stretch = all.len().div_ceil(STRETCHES).max(1);
+    for (index, instants) in all.chunks(stretch).enumerate() {
+        let by_voltage = |a: &(usize, &Instant), b: &(usize, &Instant)| a.1.lowest_v.total_cmp(&b.1.lowest_v);
+        let places = || instants.iter().enumerate();
+        for (place, _) in places().min_by(by_voltage).into_iter().chain(places().max_by(by_voltage)) {
+            kept[index * stretch + place] = true;
+        }
+    }
+    for end in [0, all.len().saturating_sub(1)] {
+        if let Some(end) = kept.get_mut(end) {
+            *end = true;
+        }
+    }
+    kept
+}
+
+/// One pack under the profile; keeps the instants at the start and after each piece that are asked for by their number.
+fn run(setup: &ScatterSetup<'_>, cells: &[Cell], pieces: &[Piece], keep: &dyn Fn(usize) -> bool) -> (Outcome, Vec<Instant>) {
     let parallel = setup.pack.parallel as usize;
     let wiring = Wiring { parallel, tab_ohm: setup.tab_ohm, interconnect_ohm: setup.pack.interconnect_ohm };
     let mut network = Network::new(cells, setup.ocv, wiring);
@@ -365,7 +328,6 @@ fn run(setup: &ScatterSetup<'_>, cells: &[Cell], pieces: &[Piece]) -> (Outcome, 
     let mut heat_j = vec![0.0; cells.len()];
     let mut heat_before = heat_j.clone();
     let mut instants = Vec::new();
-    let stride = pieces.len().div_ceil(BAND_ROWS).max(1);
     let kind: Demand = setup.profile.demand;
     let mut demand = f64::NAN;
     for (index, piece) in pieces.iter().enumerate() {
@@ -375,7 +337,7 @@ fn run(setup: &ScatterSetup<'_>, cells: &[Cell], pieces: &[Piece]) -> (Outcome, 
                 break;
             }
             let (lowest_v, highest_v) = watch.see(piece.end_s - piece.step_s, &network);
-            if index == 0 {
+            if index == 0 && keep(0) {
                 instants.push(Instant { time_s: piece.end_s - piece.step_s, demand: piece.from, lowest_v, highest_v });
             }
         }
@@ -391,7 +353,7 @@ fn run(setup: &ScatterSetup<'_>, cells: &[Cell], pieces: &[Piece]) -> (Outcome, 
         }
         watch.outcome.energy_j += 0.5 * piece.step_s * (power + network.now.current_a * network.now.ccv_v);
         let (lowest_v, highest_v) = watch.see(piece.end_s, &network);
-        if (index + 1) % stride == 0 || index + 1 == pieces.len() {
+        if keep(index + 1) {
             instants.push(Instant { time_s: piece.end_s, demand: piece.to, lowest_v, highest_v });
         }
     }

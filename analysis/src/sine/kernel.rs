@@ -60,13 +60,21 @@ mod wide {
 
     const LANES: usize = 16;
 
-    fn load(samples: &[i16]) -> i16x16 {
-        samples.first_chunk::<LANES>().map_or(cast([0i16; LANES]), |lanes| cast(*lanes))
+    #[inline(always)]
+    fn load(samples: &[i16; BLOCK], at: usize) -> i16x16 {
+        // By reference, so that the compiler loads a register and does not copy an array first.
+        pulp::bytemuck::cast_ref::<[i16; BLOCK], [i16x16; BLOCK / LANES]>(samples)[at]
     }
 
+    /// Sum of the lanes.
+    #[inline(always)]
     fn total(lanes: i32x8) -> i64 {
         let lanes: [i32; 8] = cast(lanes);
-        lanes.iter().map(|lane| i64::from(*lane)).sum()
+        let mut sum = 0;
+        for lane in lanes {
+            sum += i64::from(lane);
+        }
+        sum
     }
 
     #[inline(always)]
@@ -74,22 +82,28 @@ mod wide {
         let (offset, one) = (simd.splat_i16x16(pivot), simd.splat_i16x16(1));
         let (mut least, mut greatest) = (simd.splat_i16x16(i16::MAX), simd.splat_i16x16(i16::MIN));
         let mut sums = [simd.splat_i32x8(0); 8];
-        for at in (0..BLOCK).step_by(LANES) {
-            let raw = load(&now[at..at + LANES]);
+        for at in 0..BLOCK / LANES {
+            let raw = load(now, at);
             let x = simd.wrapping_sub_i16x16(raw, offset);
-            let later = simd.wrapping_sub_i16x16(load(&next[at..at + LANES]), offset);
+            let later = simd.wrapping_sub_i16x16(load(next, at), offset);
             least = simd.min_i16x16(least, raw);
             greatest = simd.max_i16x16(greatest, raw);
-            let row = |row: usize| load(&rows[row][at..at + LANES]);
-            let weights = [one, x, later, load(&RAMP[at..at + LANES]), row(0), row(1), row(2), row(3)];
-            for (sum, weight) in sums.iter_mut().zip(weights) {
-                *sum = simd.wrapping_add_i32x8(*sum, simd.multiply_wrapping_add_adjacent_i16x16(x, weight));
+            let [a, b, c, d] = [load(rows[0], at), load(rows[1], at), load(rows[2], at), load(rows[3], at)];
+            let weights = [one, x, later, load(&RAMP, at), a, b, c, d];
+            for k in 0..8 {
+                sums[k] = simd.wrapping_add_i32x8(sums[k], simd.multiply_wrapping_add_adjacent_i16x16(x, weights[k]));
             }
         }
         let (least, greatest): ([i16; LANES], [i16; LANES]) = (cast(least), cast(greatest));
-        let [one, squares, lagged, ramp, rows @ ..] = sums.map(total);
-        let least = least.iter().copied().fold(i16::MAX, i16::min);
-        Whole { one, squares, lagged, ramp, rows, least, greatest: greatest.iter().copied().fold(i16::MIN, i16::max) }
+        Whole {
+            one: total(sums[0]),
+            squares: total(sums[1]),
+            lagged: total(sums[2]),
+            ramp: total(sums[3]),
+            rows: [total(sums[4]), total(sums[5]), total(sums[6]), total(sums[7])],
+            least: least.iter().copied().fold(i16::MAX, i16::min),
+            greatest: greatest.iter().copied().fold(i16::MIN, i16::max),
+        }
     }
 }
 

@@ -97,6 +97,8 @@ pub(super) fn accumulate(record: &Record<'_>, stage: &Stage, exclude_clipped: bo
 #[derive(Debug)]
 struct Piece {
     sums: BlockSums,
+    /// Room for the sums of a block on their way to the chunk.
+    moved: Vec<f64>,
     /// Whole blocks that went through a kernel.
     kernel_blocks: Vec<bool>,
     /// Σ φφᵀ of the other samples.
@@ -192,7 +194,8 @@ impl<S: Sample> Part<'_, S> {
         let columns = self.stage.basis.columns();
         let sums = BlockSums { columns: vec![0.0; columns], squares: 0.0, lagged: 0.0 };
         let gram = Square::zero(columns);
-        let mut piece = Piece { sums, kernel_blocks: Vec::with_capacity(CHUNK_BLOCKS), gram, used: 0, clipped: 0, fault: None };
+        let (moved, kernel_blocks) = (vec![0.0; columns], Vec::with_capacity(CHUNK_BLOCKS));
+        let mut piece = Piece { sums, moved, kernel_blocks, gram, used: 0, clipped: 0, fault: None };
         kernels(&mut piece);
         self.stage.basis.place(self.start).apply(&mut piece.sums.columns);
         if !self.exclude_clipped && self.bounds.is_some() {
@@ -239,9 +242,9 @@ impl<S: Sample> Part<'_, S> {
 impl Piece {
     fn add_block<S: Sample>(&mut self, part: &Part<'_, S>, sums: Option<&BlockSums>) {
         if let (Some(sums), Some(shift)) = (sums, part.stage.within.get(self.kernel_blocks.len())) {
-            let mut columns = sums.columns.clone();
-            shift.apply(&mut columns);
-            self.sums.columns.iter_mut().zip(&columns).for_each(|(sum, column)| *sum += column);
+            self.moved.copy_from_slice(&sums.columns);
+            shift.apply(&mut self.moved);
+            self.sums.columns.iter_mut().zip(&self.moved).for_each(|(sum, column)| *sum += column);
             self.sums.squares += sums.squares;
             self.sums.lagged += sums.lagged;
             self.used += BLOCK;

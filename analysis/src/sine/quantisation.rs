@@ -18,7 +18,7 @@ const PHASES: usize = 8192;
 /// Sinusoids that are tried.
 const TRIALS: usize = 16;
 /// The same where few phases make each of them cheap, and different.
-const TRIALS_FEW: usize = 512;
+const TRIALS_FEW: usize = 2048;
 /// Noise, in codes rms, below which the sawtooth is as sharp as without.
 const SHARP_LSB: f64 = 0.12;
 /// A record coming back to no more phases than this may have any noise hidden between the codes.

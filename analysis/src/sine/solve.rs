@@ -214,7 +214,7 @@ impl Task<'_> {
 fn lsb(channel: &Channel<'_>) -> Option<f64> {
     match channel {
         Channel::Volts { lsb_v, .. } => *lsb_v,
-        Channel::Codes { .. } => Some(1.0),
+        Channel::Codes { scale, .. } => Some(f64::from(scale.code_step.max(1))),
     }
 }
 

@@ -79,10 +79,11 @@ impl Table {
 
     /// Σ εψᵀ over a block, with the rounding ε = ψ − ψ_fixed of the fixed-point columns.
     pub(super) fn rounding(&self) -> Square {
-        let rounded = |(fixed, exact): (&Option<Box<Fixed>>, &Box<[f64; BLOCK]>)| -> Option<[f64; BLOCK]> {
-            fixed.as_ref().map(|fixed| std::array::from_fn(|k| exact[k] - fixed.value(k)))
+        let rounded = |column: usize| -> Option<[f64; BLOCK]> {
+            let fixed = self.fixed.get(column)?.as_ref()?;
+            Some(std::array::from_fn(|k| self.exact[column][k] - fixed.value(k)))
         };
-        let rounded: Vec<_> = self.fixed.iter().zip(&self.exact).map(rounded).collect();
+        let rounded: Vec<_> = (0..self.exact.len()).map(rounded).collect();
         products(self.exact.len(), |row, column| {
             rounded[row].as_ref().map_or(0.0, |rounded| kernel::products(rounded, &self.exact[column]))
         })

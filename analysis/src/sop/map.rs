@@ -27,6 +27,10 @@ pub struct SopEntry {
     pub discharge_w: f64,
     /// Most power into the terminals, W, zero or less.
     pub charge_w: f64,
+    /// Largest current of a cell under that discharge, A.
+    pub discharge_cell_a: f64,
+    /// Largest current of a cell under that charge, A, without sign.
+    pub charge_cell_a: f64,
     /// What ends the discharge and the charge.
     pub limited_by: Limits,
     /// The same by the simple-IR model (DC resistance from the first instant, SOC at rest), W.
@@ -63,6 +67,8 @@ fn entry(model: &SimModel, (soc, duration_s): (f64, f64), options: &SopOptions) 
         duration_s,
         discharge_w: discharge.power_w,
         charge_w: charge.power_w,
+        discharge_cell_a: discharge.cell_a,
+        charge_cell_a: charge.cell_a,
         limited_by: Limits { discharge: discharge.limited_by, charge: charge.limited_by },
         simple_ir_discharge_w: ir_discharge.power_w,
         simple_ir_charge_w: ir_charge.power_w,

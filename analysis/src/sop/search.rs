@@ -60,6 +60,8 @@ pub enum LimitedBy {
 pub struct Limit {
     /// Power at the terminals, W, discharge positive.
     pub power_w: f64,
+    /// Largest current of a cell under it, A, without sign.
+    pub cell_a: f64,
     /// What ends it.
     pub limited_by: LimitedBy,
 }
@@ -69,6 +71,8 @@ pub struct Limit {
 struct Verdict {
     margin: f64,
     by: LimitedBy,
+    /// Largest current of a cell in the direction of the search, A.
+    cell_a: f64,
 }
 
 /// Direction of a search.
@@ -119,9 +123,9 @@ impl Search<'_> {
         let sign = if direction == Direction::Discharge { 1.0 } else { -1.0 };
         let rest = self.judge(direction, 0.0)?;
         if rest.margin < 0.0 {
-            return Ok(Limit { power_w: 0.0, limited_by: LimitedBy::OutsideWindow });
+            return Ok(Limit { power_w: 0.0, cell_a: 0.0, limited_by: LimitedBy::OutsideWindow });
         }
-        let (mut kept, mut lost) = ((0.0, rest.margin), self.beyond(direction)?);
+        let (mut kept, mut lost) = ((0.0, rest), self.beyond(direction)?);
         let mut by = lost.1.by;
         // Weights of the Illinois method: the margin of an end that stays is halved.
         let (mut weight_kept, mut weight_lost, mut last) = (1.0, 1.0, None);
@@ -129,11 +133,12 @@ impl Search<'_> {
             if lost.0 - kept.0 <= self.options.accuracy * lost.0 || lost.0 < 1e-12 {
                 break;
             }
-            let power = between((kept.0, kept.1 * weight_kept), (lost.0, lost.1.margin * weight_lost), (trial, self.options.accuracy));
+            let power =
+                between((kept.0, kept.1.margin * weight_kept), (lost.0, lost.1.margin * weight_lost), (trial, self.options.accuracy));
             let verdict = self.judge(direction, sign * power)?;
             let inside = verdict.margin >= 0.0;
             if inside {
-                kept = (power, verdict.margin);
+                kept = (power, verdict);
                 (weight_kept, weight_lost) = (1.0, if last == Some(true) { 0.5 * weight_lost } else { 1.0 });
             } else {
                 (lost, by) = ((power, verdict), verdict.by);
@@ -141,7 +146,7 @@ impl Search<'_> {
             }
             last = Some(inside);
         }
-        Ok(Limit { power_w: sign * kept.0, limited_by: by })
+        Ok(Limit { power_w: sign * kept.0, cell_a: kept.1.cell_a, limited_by: by })
     }
 
     /// A power that is not kept.
@@ -161,7 +166,7 @@ impl Search<'_> {
 
     fn judge(&self, direction: Direction, power_w: f64) -> Result<Verdict, ForwardError> {
         let options = SimOptions { method: Method::Exact, beyond: Beyond::Stop, window: self.options.window, ..SimOptions::default() };
-        let collapsed = Verdict { margin: -1.0, by: LimitedBy::TheoreticalMaximum };
+        let collapsed = Verdict { margin: -1.0, by: LimitedBy::TheoreticalMaximum, cell_a: f64::INFINITY };
         let summary = match simulate(self.model, self.state, &held(power_w, self.duration_s), &options) {
             Ok(simulation) => simulation.summary,
             Err(ForwardError::Collapsed { .. }) => return Ok(collapsed),
@@ -177,12 +182,13 @@ impl Search<'_> {
             Direction::Discharge => (summary.margin_low_v, LimitedBy::LowerVoltage),
             Direction::Charge => (summary.margin_high_v, LimitedBy::UpperVoltage),
         };
-        let current = match direction {
-            Direction::Discharge => 1.0 - summary.peak_current_a / parallel / currents.discharge_a,
-            Direction::Charge => 1.0 + summary.lowest_current_a / parallel / currents.charge_a,
+        let (cell_a, most_a) = match direction {
+            Direction::Discharge => (summary.peak_current_a / parallel, currents.discharge_a),
+            Direction::Charge => (-summary.lowest_current_a / parallel, currents.charge_a),
         };
-        let by_voltage = Verdict { margin: voltage.0 / width, by: voltage.1 };
-        Ok(if current < by_voltage.margin { Verdict { margin: current, by: LimitedBy::Current } } else { by_voltage })
+        let current = 1.0 - cell_a / most_a;
+        let by_voltage = Verdict { margin: voltage.0 / width, by: voltage.1, cell_a };
+        Ok(if current < by_voltage.margin { Verdict { margin: current, by: LimitedBy::Current, cell_a } } else { by_voltage })
     }
 }
 

@@ -119,6 +119,7 @@ fn what_ends_the_power_is_told() {
     assert!((discharge.power_w - 135.0 * (59.2 - 135.0 * r)).abs() < 0.01, "{discharge:?}");
     assert!((charge.power_w + 40.5 * (59.2 + 40.5 * r)).abs() < 0.01, "{charge:?}");
     assert_eq!((discharge.limited_by, charge.limited_by), (LimitedBy::Current, LimitedBy::Current));
+    assert!((discharge.cell_a - 45.0).abs() < 1e-4 && (charge.cell_a - 13.5).abs() < 1e-4);
     let tight = SopOptions { window: CellWindow { low_v: 3.8, high_v: 4.2 }, ..SopOptions::default() };
     let (discharge, charge) = most_power(&model, &rest, 1.0, &tight).unwrap();
     assert_eq!((discharge.power_w, discharge.limited_by), (0.0, LimitedBy::OutsideWindow));

@@ -98,36 +98,10 @@ fn curve_per_drift(fit: &SineFit) -> Complex64 {
     in_middle * Complex64::cis(-std::f64::consts::TAU * fit.freq_hz * middle_s)
 }
 
-/// Step of a converter in codes, from what it put out: the greatest common divisor of the codes' differences. Scopes that send twelve bits in words of
-/// sixteen leave the lowest ones at zero. 1 where all codes are the same.
-pub fn code_step(codes: &[i16]) -> f64 {
-    let Some(first) = codes.first() else { return 1.0 };
-    let mut step = 0_u32;
-    for code in codes {
-        let mut rest = (i32::from(*code) - i32::from(*first)).unsigned_abs();
-        while rest != 0 {
-            (step, rest) = (rest, step % rest);
-        }
-        if step == 1 {
-            break;
-        }
-    }
-    f64::from(step.max(1))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::sine::{Channel, FitOptions, Record, fit_known_frequency};
-
-    #[test]
-    fn the_step_of_justified_codes_is_found() {
-        assert_eq!(code_step(&[]), 1.0);
-        assert_eq!(code_step(&[7, 7]), 1.0);
-        assert_eq!(code_step(&[-16, 48, 32, 16]), 16.0);
-        assert_eq!(code_step(&[3, 35, 67]), 32.0);
-        assert_eq!(code_step(&[i16::MIN, i16::MAX, 0]), 1.0);
-    }
 
     /// Fit of four equal channels.
     fn fit(freq_hz: f64, samples: &[f64]) -> SineFit {

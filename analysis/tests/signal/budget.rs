@@ -110,7 +110,8 @@ fn each_part_of_a_record_follows_its_own_cause() {
         variance.drift = Covariance2 { re_re: 1e-13, re_im: 0.0, im_im: 0.0 };
     }
     let before = BudgetPoint::new(&correction, &phasors);
-    let doubled: [(Cause, fn(&mut PhasorVariance) -> &mut Covariance2); 3] = [
+    type Pick = fn(&mut PhasorVariance) -> &mut Covariance2;
+    let doubled: [(Cause, Pick); 3] = [
         (Cause::Noise, |variance| &mut variance.noise),
         (Cause::Quantisation, |variance| &mut variance.quantisation),
         (Cause::Drift, |variance| &mut variance.drift),
@@ -220,7 +221,7 @@ fn the_table_has_a_column_for_every_cause_that_is_there() {
     let table = budget.table();
     assert!(table.rows.len() == 20 && table.rows.iter().all(|row| row.len() == table.header.len()));
     let svg = analysis::plot::chart_svg(&budget.chart("Budget")).unwrap();
-    for word in ["mutual inductance", "noise of the controls", "total", "1σ of |Z| / %", "Frequency / Hz"] {
+    for word in ["skew", "noise of the controls", "total", "1σ of |Z| / %", "Frequency / Hz"] {
         assert!(svg.contains(word), "{word}");
     }
     let back: Budget = serde_json::from_str(&serde_json::to_string(&budget).unwrap()).unwrap();

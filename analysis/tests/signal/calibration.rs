@@ -1,7 +1,7 @@
 //! The correction of the harness against a bench of closed formulas.
 
 use analysis::calibration::{ControlTolerance, Controls, Correction, KnownImpedance, Priors, check_control};
-use analysis::spectrum::{ChannelPhasors, ImpedancePoint, PhasorVariance, raw_impedance};
+use analysis::spectrum::{ChannelPhasors, Covariance2, ImpedancePoint, PhasorVariance, raw_impedance};
 use num_complex::Complex64;
 
 use crate::bench::{Bench, FAKE_CELL, Probes, SHUNT, cell, fake_cell};
@@ -310,4 +310,30 @@ fn a_control_is_judged_in_words() {
     bad.z_ohm.re = f64::NAN;
     let bad = check_control(&[bad], &exactly(SHUNT), &tolerance);
     assert!(!bad.passed && bad.text.starts_with("the control has no finite impedance at 10 Hz: met NaN"), "{}", bad.text);
+}
+
+#[test]
+fn noise_that_is_no_circle_counts_as_it_lies() {
+    // Ten times more noise along one diagonal than across it, of which the whitened residuals must show nothing.
+    let (along, across) = (Complex64::from_polar(10e-6, 0.8), Complex64::from_polar(1e-6, 0.8 + std::f64::consts::FRAC_PI_2));
+    let covariance = Covariance2::along(along) + Covariance2::along(across);
+    let (seeds, mut spread) = (150, 0.0);
+    for seed in 0..seeds {
+        let mut noise = Noise::new(seed);
+        let mut runs = runs(&crooked(), &mut noise);
+        for phasors in runs.shunt.iter_mut().chain(&mut runs.fake) {
+            for (volts, variance) in phasors.volts.iter_mut().zip(&mut phasors.variance) {
+                *volts += along * noise.gauss() + across * noise.gauss();
+                *variance = PhasorVariance { noise: covariance, ..PhasorVariance::circular(0.0) };
+            }
+        }
+        let fake_cell = Some((exactly(FAKE_CELL), runs.fake.as_slice()));
+        let controls =
+            Controls { current_shunt: exactly(SHUNT), shunt: &runs.shunt, fake_cell, short: None, open: None, priors: Priors::default() };
+        let correction = Correction::fit(&controls).unwrap();
+        let own = correction.reduced_chi2.unwrap();
+        // χ² of f degrees of freedom, per f, scatters by 2/f.
+        spread += (own - 1.0).powi(2) * correction.dof as f64 / 2.0 / seeds as f64;
+    }
+    assert!((0.6..1.45).contains(&spread), "χ² scatters {spread} times as it should");
 }

@@ -43,7 +43,8 @@ fn bits(points: &[ImpedancePoint]) -> Vec<[u64; 7]> {
 
 fn capture(count: usize) -> Capture {
     let mut noise = Noise::new(9);
-    let scale = |k: f64| CodeScale { volts_per_code: 0.1 / 3.0 * k, offset_v: -3.7 / 7.0 * k, code_min: -2048, code_max: 2047 };
+    let scale =
+        |k: f64| CodeScale { volts_per_code: 0.1 / 3.0 * k, offset_v: -3.7 / 7.0 * k, code_min: -2048, code_max: 2047, code_step: 1 };
     let channels = [1.0, 2.0, 3.0, 4.0].map(|k| ChannelMeta { scale: scale(k), volts_per_div: 0.02 * k });
     let meta =
         CaptureMeta { label: "cell, \"point\" 3\n5 °C".into(), freq_hz: 0.1 + 0.2, interval_s: 1.0 / 3.0, start_s: 1e9 / 7.0, channels };

@@ -21,7 +21,8 @@ fn capture(phasors: &ChannelPhasors, levels_v: [f64; 4], drift_v: f64, noise: &m
     let interval_s = 11.3 / phasors.freq_hz / SAMPLES as f64;
     let start_s = noise.uniform() / phasors.freq_hz;
     let channels = VOLTS_PER_DIV.map(|volts_per_div| {
-        let scale = CodeScale { volts_per_code: 8.0 * volts_per_div / 4096.0, offset_v: 0.0, code_min: -2048, code_max: 2047 };
+        let scale =
+            CodeScale { volts_per_code: 8.0 * volts_per_div / 4096.0, offset_v: 0.0, code_min: -2048, code_max: 2047, code_step: 1 };
         ChannelMeta { scale, volts_per_div }
     });
     let mut channels = channels;

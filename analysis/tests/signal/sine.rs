@@ -264,7 +264,7 @@ fn codes(volts: &[f64], scale: &CodeScale) -> Vec<i16> {
 
 #[test]
 fn codes_give_what_their_volts_give() {
-    let scale = CodeScale { volts_per_code: 1e-3, offset_v: -3.7, code_min: -2048, code_max: 2047 };
+    let scale = CodeScale { volts_per_code: 1e-3, offset_v: -3.7, code_min: -2048, code_max: 2047, code_step: 1 };
     let wave = Wave { amplitude_v: 0.5, phase_rad: 1.0, offset_v: 3.8, drift_v_per_s: 0.01 };
     let mut noise = Noise::new(5);
     let volts: Vec<f64> = wave.samples(9.7, 1e-3, 3000).iter().map(|v| v + 2e-3 * noise.gauss()).collect();
@@ -283,7 +283,7 @@ fn codes_give_what_their_volts_give() {
 
 #[test]
 fn clipped_samples_are_left_out_and_counted() {
-    let scale = CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047 };
+    let scale = CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047, code_step: 1 };
     let wave = Wave { amplitude_v: 2.3, phase_rad: 1.0, offset_v: 0.0, drift_v_per_s: 0.0 };
     let codes = codes(&wave.samples(9.7, 1e-3, 3000), &scale);
     let clipped = codes.iter().filter(|code| **code == -2048 || **code == 2047).count();

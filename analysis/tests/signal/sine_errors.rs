@@ -2,7 +2,7 @@
 
 use analysis::sine::{Channel, CodeScale, FitOptions, Record, fit_free_frequency, fit_known_frequency};
 
-const SCALE: CodeScale = CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047 };
+const SCALE: CodeScale = CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047, code_step: 1 };
 
 fn refusal(channels: &[Channel<'_>], interval_s: f64, freq_hz: f64) -> String {
     fit_known_frequency(&Record { channels, interval_s }, freq_hz, &FitOptions::default()).unwrap_err().to_string()

@@ -8,7 +8,7 @@ use num_complex::Complex64;
 
 use crate::noise::Noise;
 
-const ADC: CodeScale = CodeScale { volts_per_code: 1.0, offset_v: 0.0, code_min: -2048, code_max: 2047 };
+const ADC: CodeScale = CodeScale { volts_per_code: 1.0, offset_v: 0.0, code_min: -2048, code_max: 2047, code_step: 1 };
 const INTERVAL_S: f64 = 1e-3;
 
 /// Codes of a function of time with Gaussian noise, in volts of one per code.

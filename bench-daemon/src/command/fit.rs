@@ -4,7 +4,7 @@ use std::path::Path;
 
 use analysis::{
     dataset,
-    fit::{Bounds, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective, PackModel, fit_erm},
+    fit::{Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective, PackModel, fit_erm_from},
     formats::{SourcedSpectrum, read_sourced},
     pack::Pack,
     plot::{self, FigureInput, ImpedancePlot, Series, SeriesStyle},
@@ -15,7 +15,10 @@ use analysis::{
 use crate::terminal::{remark, say};
 use crate::{
     cli::FitArgs,
-    command::Failure,
+    command::{
+        Failure,
+        fit_more::{More, other_minima_note, print_selection},
+    },
     present::{self, branches_table, fit_warnings, models_table},
 };
 
@@ -24,6 +27,7 @@ struct Group {
     name: String,
     spectra: Vec<Spectrum>,
     fits: Vec<ErmFit>,
+    more: More,
 }
 
 /// Fits models to spectra, prints them, and writes them into a folder if asked to.
@@ -37,26 +41,15 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     let orders = orders(&args.rc)?;
     let objective: Objective = args.objective.parse().map_err(|error| Failure::Usage(format!("--objective: {error}")))?;
     let (cells, others) = read(args)?;
-    let groups = if args.pool {
-        vec![Group { name: "pooled".to_owned(), spectra: cells, fits: Vec::new() }]
+    let groups: Vec<(String, Vec<SourcedSpectrum>)> = if args.pool {
+        vec![("pooled".to_owned(), cells)]
     } else {
-        cells.into_iter().map(|spectrum| Group { name: spectrum.name.clone(), spectra: vec![spectrum], fits: Vec::new() }).collect()
+        cells.into_iter().map(|cell| (cell.spectrum.name.clone(), vec![cell])).collect()
     };
-    let mut fitted = Vec::new();
-    for mut group in groups {
-        for &rc in &orders {
-            let options = FitOptions { rc, objective, seed: args.seed, bounds: Bounds::for_spectra(&group.spectra) };
-            let fit = fit_erm(&group.spectra, &options).map_err(|error| Failure::Usage(format!("{}, {rc} RC: {error}", group.name)))?;
-            if !fit.objective.is_finite() {
-                return Err(Failure::Usage(format!(
-                    "{}, {rc} RC: expected impedances that can be squared, found too large ones",
-                    group.name
-                )));
-            }
-            group.fits.push(fit);
-        }
-        fitted.push(group);
-    }
+    let fitted = groups
+        .into_iter()
+        .map(|(name, sweeps)| fit_group(name, &sweeps, (orders.as_deref(), objective), args))
+        .collect::<Result<Vec<_>, _>>()?;
     if let Some(folder) = &args.out {
         for group in &fitted {
             let folder = if fitted.len() == 1 { folder.clone() } else { folder.join(&group.name) };
@@ -66,28 +59,57 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     if args.json { print_json(&fitted) } else { print_text(&fitted, args) }
 }
 
-fn orders(text: &str) -> Result<Vec<usize>, Failure> {
-    if text == "all" {
-        return Ok(vec![1, 2, 3, 4]);
+/// All that is wanted of the sweeps of one group; without orders the data choose one.
+fn fit_group(
+    name: String,
+    sweeps: &[SourcedSpectrum],
+    (orders, objective): (Option<&[usize]>, Objective),
+    args: &FitArgs,
+) -> Result<Group, Failure> {
+    let cells = CellSweeps::sort(sweeps);
+    let mut more = More::choose(&name, &cells, (orders.is_none(), args.seed))?;
+    let chosen: Vec<usize> = more.order_selection.iter().map(|s| s.recommended).collect();
+    let spectra: Vec<Spectrum> = sweeps.iter().map(|s| s.spectrum.clone()).collect();
+    let mut fits = Vec::new();
+    for &rc in orders.unwrap_or(&chosen) {
+        let options = FitOptions { rc, objective, seed: args.seed, bounds: Bounds::for_spectra(&spectra) };
+        let fit = fit_erm_from(&spectra, &options, args.more.starts.unwrap_or(0))
+            .map_err(|error| Failure::Usage(format!("{name}, {rc} RC: {error}")))?;
+        if !fit.objective.is_finite() {
+            return Err(Failure::Usage(format!("{name}, {rc} RC: expected impedances that can be squared, found too large ones")));
+        }
+        fits.push(fit);
+    }
+    more.add(&cells, &spectra, &fits, &args.more)?;
+    Ok(Group { name, spectra, fits, more })
+}
+
+/// The orders asked for; none for `auto`.
+fn orders(text: &str) -> Result<Option<Vec<usize>>, Failure> {
+    match text {
+        "all" => return Ok(Some(vec![1, 2, 3, 4])),
+        "auto" => return Ok(None),
+        _ => {}
     }
     let fail =
         || Failure::Usage(format!("--rc: expected `all` or different numbers from 1 to {MAX_RC} separated by commas, found {text:?}"));
     let orders: Vec<usize> = text.split(',').map(|order| order.trim().parse().map_err(|_| fail())).collect::<Result<_, _>>()?;
     let distinct: std::collections::BTreeSet<usize> = orders.iter().copied().collect();
     let sound = distinct.len() == orders.len() && distinct.iter().all(|order| (1..=MAX_RC).contains(order));
-    if sound { Ok(orders) } else { Err(fail()) }
+    if sound { Ok(Some(orders)) } else { Err(fail()) }
 }
 
 /// The spectra to be fitted, and the control impedances that came with them. Sweeps with a bias belong to neither.
-pub(super) fn read(args: &FitArgs) -> Result<(Vec<Spectrum>, Vec<Spectrum>), Failure> {
+pub(super) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum>), Failure> {
     let mut cells = Vec::new();
     let mut others = Vec::new();
     let mut passed_over = Vec::new();
     for file in &args.files {
-        for SourcedSpectrum { origin, spectrum } in read_sourced(file).map_err(|error| Failure::Usage(error.to_string()))? {
-            if origin.is_unbiased_cell() {
-                cells.push(spectrum);
+        for sourced in read_sourced(file).map_err(|error| Failure::Usage(error.to_string()))? {
+            if sourced.origin.is_unbiased_cell() {
+                cells.push(sourced);
             } else {
+                let SourcedSpectrum { origin, spectrum } = sourced;
                 passed_over.push(spectrum.name.clone());
                 if origin.fixture.as_deref() != Some("cell") && origin.bias_a.is_none_or(|bias| bias == 0.0) {
                     others.push(spectrum);
@@ -109,8 +131,19 @@ fn report_of(fitted: &[Group]) -> FitReport {
     FitReport { fits: fitted.iter().flat_map(|group| group.fits.iter().map(|fit| entry(group, fit))).collect() }
 }
 
+/// The fits, and under `groups` what goes beyond them, where there is any of it.
+#[derive(serde::Serialize)]
+struct Printed<'a> {
+    #[serde(flatten)]
+    report: FitReport,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    groups: Vec<&'a More>,
+}
+
 fn print_json(fitted: &[Group]) -> Result<(), Failure> {
-    let text = serde_json::to_string_pretty(&report_of(fitted)).map_err(|error| Failure::Analysis(error.to_string()))?;
+    let groups = fitted.iter().map(|group| &group.more).filter(|more| !more.is_empty()).collect();
+    let text = serde_json::to_string_pretty(&Printed { report: report_of(fitted), groups })
+        .map_err(|error| Failure::Analysis(error.to_string()))?;
     say!("{text}");
     Ok(())
 }
@@ -120,6 +153,9 @@ fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
         let points: usize = group.spectra.iter().map(|spectrum| spectrum.points.len()).sum();
         let plural = if group.spectra.len() == 1 { "spectrum" } else { "spectra" };
         say!("{}: {} {plural}, {points} points, objective {}", group.name, group.spectra.len(), args.objective);
+        if let Some(selection) = &group.more.order_selection {
+            print_selection(selection);
+        }
         for fit in &group.fits {
             let (rc, dc) = (fit.erm.branches.len(), 1.0e3 * fit.erm.dc_resistance_ohm());
             say!(
@@ -133,10 +169,11 @@ fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
                 let (r, c) = (present::significant(1.0e3 * branch.r_ohm, 5), present::significant(branch.c_f, 5));
                 say!("        {r:>8} mΩ ∥ {c:>8} F   τ {tau} s");
             }
-            for warning in &fit.warnings {
+            for warning in fit.warnings.iter().cloned().chain(other_minima_note(fit)) {
                 say!("        note: {warning}");
             }
         }
+        group.more.print(&group.fits);
     }
     if let Some(folder) = &args.out {
         say!("written to {}", folder.display());
@@ -159,6 +196,7 @@ fn write(folder: &Path, group: &Group, controls: &[Spectrum], args: &FitArgs) ->
     let input = FigureInput { sweeps: &group.spectra, controls, fits: &group.fits };
     let drawn = |error: plot::PlotError| Failure::Analysis(error.to_string());
     plot::write_thesis_figures(&input, folder).map_err(drawn)?;
+    group.more.draw(folder)?;
     let bode = bode_plot(&group.name, &group.spectra, &group.fits);
     for extension in ["svg", "png"] {
         plot::bode(&bode, &folder.join(format!("bode.{extension}"))).map_err(drawn)?;

@@ -34,9 +34,6 @@ pub struct CircuitArgs {
     /// Parameters that are held.
     #[arg(long, requires = "circuit", value_name = "NAME=VALUE,…")]
     pub constants: Option<String>,
-    /// Most starts of the search; it ends earlier when several agree [default: 64]
-    #[arg(long, requires = "circuit", value_name = "N")]
-    pub starts: Option<usize>,
     /// How the global optimum is looked for: `starts` (many local fits) or `evolution` (differential evolution, then local fits).
     #[arg(long, requires = "circuit", default_value = "starts")]
     pub search: String,
@@ -63,6 +60,7 @@ pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
     let circuit: Circuit = text.parse().map_err(|error| Failure::Usage(format!("--circuit: {error}")))?;
     let options = options(args, &circuit)?;
     let (cells, _) = read(args)?;
+    let cells: Vec<Spectrum> = cells.into_iter().map(|sourced| sourced.spectrum).collect();
     let groups: Vec<(String, Vec<Spectrum>)> = if args.pool {
         vec![("pooled".to_owned(), cells)]
     } else {
@@ -105,7 +103,7 @@ fn options(args: &FitArgs, circuit: &Circuit) -> Result<CircuitOptions, Failure>
         let name = &circuit.parameter_names()[*index];
         return Err(Failure::Usage(format!("--guess, --constants: expected a parameter in one of them, met {name} in both")));
     }
-    Ok(CircuitOptions { objective, weight, guess, constants, starts: args.circuit.starts, search, seed: args.seed })
+    Ok(CircuitOptions { objective, weight, guess, constants, starts: args.more.starts, search, seed: args.seed })
 }
 
 fn json(fits: Vec<&CircuitFit>) -> Result<String, Failure> {

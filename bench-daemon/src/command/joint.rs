@@ -143,7 +143,10 @@ impl Job<'_> {
     fn print(&self) {
         let study = self.study;
         let (sweeps, cells) = study.sweeps_cells;
-        say!("{sweeps} sweeps of {cells} cell(s), uncertainty: {}", study.spectra_basis);
+        let percent = |s: Option<f64>| s.map_or_else(|| "unknown".to_owned(), |s| format!("{:.2} %", 100.0 * s));
+        let (within, between) = (percent(self.pooled.repeatability), percent(study.cell_spread));
+        say!("{sweeps} sweeps of {cells} cell(s); scatter within a cell {within}, factor between cells {between}");
+        say!("  uncertainty of the mean: {}", study.spectra_basis);
         say!("{}: noise of a sample {:.2} mV, of no mean below {:.3} mV", self.series, 1e3 * study.noise_v.0, 1e3 * study.noise_v.1);
         say!("  RC   DC resistance / mΩ                    after 10 s / mΩ                       χ²/freedom");
         say!("       spectra alone      joint              spectra alone      joint              alone   joint");

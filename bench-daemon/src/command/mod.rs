@@ -2,6 +2,7 @@
 
 pub mod fit;
 pub mod fit_circuit;
+pub mod fit_more;
 pub mod identify;
 pub mod joint;
 pub mod kk;

@@ -121,6 +121,8 @@ struct PackReport {
     leaving_probability: f64,
     /// Its 95 % interval.
     leaving_interval_95: [f64; 2],
+    /// Share of the packs that cannot deliver all the power asked for.
+    short_of_power_probability: f64,
     identical: Outcome,
     /// The draw with the lowest cell.
     worst: Option<Outcome>,
@@ -134,6 +136,8 @@ struct PackReport {
     hottest_rise_k: Percentiles,
     /// Change of the lowest voltage with half the step, V.
     step_error_v: f64,
+    /// What the model's fit warned of.
+    model_warnings: Vec<String>,
 }
 
 /// Simulates packs and prints how they fared.
@@ -160,7 +164,7 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let spread = Spread { r: args.sigma_r, rk: args.sigma_rk, ck: args.sigma_ck, capacity: args.sigma_capacity, soc: args.sigma_soc };
     let draws = Draws { draws: args.draws, seed: args.seed };
     let met = scatter(&setup, &spread, draws).map_err(|error| usage(&error))?;
-    let report = report(&setup, (&model.name, spread, draws), &met);
+    let report = report(&setup, (&model, spread, draws), &met);
     let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
     if let Some(out) = &args.out {
         folder(out, "pack.json", &json)?;
@@ -193,7 +197,7 @@ fn start(args: &PackSimulateArgs, model: &ModelFile) -> Result<(OcvSource, f64),
     }
 }
 
-fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&str, Spread, Draws), met: &Scatter) -> PackReport {
+fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&ModelFile, Spread, Draws), met: &Scatter) -> PackReport {
     let over = |which: fn(&Outcome) -> f64| Percentiles::of(met.outcomes.iter().map(which));
     let (leaving_probability, leaving_interval_95) = met.leaving();
     let (ocv_v, soc) = match setup.ocv {
@@ -202,7 +206,7 @@ fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&str, Spread, Draws
     };
     PackReport {
         profile: setup.profile.name.clone(),
-        model: model.to_owned(),
+        model: model.name.clone(),
         pack: setup.pack,
         tab_ohm: setup.tab_ohm,
         ocv_v,
@@ -212,6 +216,7 @@ fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&str, Spread, Draws
         spread,
         leaving_probability,
         leaving_interval_95,
+        short_of_power_probability: met.short_of_power(),
         identical: met.identical.clone(),
         worst: met.outcomes.iter().min_by(|a, b| a.min_cell_v.total_cmp(&b.min_cell_v)).cloned(),
         min_cell_v: over(|o| o.min_cell_v),
@@ -223,6 +228,7 @@ fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&str, Spread, Draws
         soc_spread_end: soc.map(|_| Percentiles::of(met.outcomes.iter().filter_map(|o| o.soc_spread_end))),
         hottest_rise_k: over(|o| o.hottest_rise_k),
         step_error_v: met.step_error_v,
+        model_warnings: model.fit.warnings.clone(),
     }
 }
 
@@ -253,18 +259,22 @@ fn print_text(r: &PackReport, setup: &ScatterSetup<'_>) {
     row("hottest cell, adiabatic / K", r.identical.hottest_rise_k, &r.hottest_rise_k, 3);
     let [low, high] = r.leaving_interval_95;
     say!(
-        "  leaving {} to {} V or short of power: {:.1} % of the packs (95 % interval {:.1} to {:.1} %)",
+        "  leaving {} to {} V or short of power: {:.1} % of the packs (95 % interval {:.1} to {:.1} %); short of power {:.1} %",
         r.window.low_v,
         r.window.high_v,
         100.0 * r.leaving_probability,
         100.0 * low,
-        100.0 * high
+        100.0 * high,
+        100.0 * r.short_of_power_probability
     );
     if let Some(worst) = &r.worst {
         say!("  worst draw: {:.4} V in group {} after {:.3} s", worst.min_cell_v, worst.min_cell_group, worst.min_cell_time_s);
     }
     if r.soc.is_none() {
         say!("  note: the OCV is held, so that spread of capacity and state of charge has no effect");
+    }
+    for warning in &r.model_warnings {
+        say!("  note: of the model's fit: {warning}");
     }
     if r.step_error_v > 1e-3 {
         say!("  note: half the step moves the lowest voltage by {:.1} mV; give a smaller --max-step-s", 1.0e3 * r.step_error_v);

@@ -195,13 +195,12 @@ fn voltage_over_power(input: &SizingInput, s: &Sizing) -> Result<Chart, PackErro
             traces.push(Trace::new("bus voltage that the load needs", 1, TraceStyle::Line, line));
         }
     }
-    let mut colour = 2;
-    for (name, point) in [("peak", s.peak), ("crossing", s.crossing), ("regeneration", s.regen)] {
+    let points = [("peak", s.peak, 2), ("crossing", s.crossing, 3), ("regeneration", s.regen, 4)];
+    for (name, point, colour) in points {
         if let Some(p) = point {
             let power = 1.0e-3 * p.power_w;
             traces.push(Trace::new(&format!("{name} {power:.2} kW"), colour, TraceStyle::Points, vec![(power, p.voltage_v)]));
         }
-        colour += 1;
     }
     let title = format!("{}: voltage over power, simple-IR model", s.pack.name());
     let subtitle = format!(

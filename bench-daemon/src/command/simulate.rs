@@ -41,8 +41,8 @@ pub struct SimulateArgs {
     /// Resistance of busbars, wires and connectors over the whole pack, Ω.
     #[arg(long, default_value_t = 0.0, value_name = "OHM")]
     pub interconnect_ohm: f64,
-    /// State of charge at the start, 0 to 1; needs a model with an OCV curve.
-    #[arg(long, value_name = "X", conflicts_with = "ocv_v", required_unless_present = "ocv_v")]
+    /// State of charge at the start, 0 to 1; needs a model with an OCV curve. This or --ocv-v is needed.
+    #[arg(long, value_name = "X", conflicts_with = "ocv_v")]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; without an OCV curve in the model it stays.
     #[arg(long, value_name = "V")]
@@ -191,6 +191,7 @@ fn model(args: &SimulateArgs) -> Result<(ModelFile, SimModel), Failure> {
     let ocv = match (&file.ocv, args.ocv_v) {
         (Some(curve), _) => OcvSource::Curve(curve.clone()),
         (None, Some(ocv_v)) => OcvSource::Constant(ocv_v),
+        (None, None) if args.soc.is_none() => return Err(Failure::Usage("expected --soc or --ocv-v, found neither".to_owned())),
         (None, None) => {
             return Err(Failure::Usage(format!("--soc: expected a model with an OCV curve, {name} has none; give --ocv-v instead")));
         }

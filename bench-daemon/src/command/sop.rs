@@ -87,6 +87,8 @@ struct SopReport {
     max_discharge_a: Option<f64>,
     max_charge_a: Option<f64>,
     map: Vec<SopEntry>,
+    /// What to know of the numbers.
+    notes: Vec<String>,
 }
 
 /// Maps the state of power and prints it.
@@ -112,7 +114,9 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
         CurrentLimits { discharge_a: args.max_discharge_a.unwrap_or(f64::INFINITY), charge_a: args.max_charge_a.unwrap_or(f64::INFINITY) };
     let options = SopOptions { window, currents, ..SopOptions::default() };
     let map = sop_map(&model, &SopGrid { soc, duration_s }, &options).map_err(|error| usage(&error))?;
-    let report = SopReport { model: file.name, pack, window, max_discharge_a: args.max_discharge_a, max_charge_a: args.max_charge_a, map };
+    let notes = notes(args, &file.fit.warnings, &map);
+    let report =
+        SopReport { model: file.name, pack, window, max_discharge_a: args.max_discharge_a, max_charge_a: args.max_charge_a, map, notes };
     let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
     if let Some(out) = &args.out {
         folder(out, "sop.json", &json)?;
@@ -128,6 +132,20 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
         say!("written to {}", out.display());
     }
     Ok(())
+}
+
+/// What would mislead if it were not said.
+fn notes(args: &SopArgs, warnings: &[String], map: &[SopEntry]) -> Vec<String> {
+    let mut notes: Vec<String> = warnings.iter().map(|warning| format!("of the model's fit: {warning}")).collect();
+    let most = |of: fn(&SopEntry) -> f64| map.iter().map(of).fold(0.0, f64::max);
+    if args.max_discharge_a.is_none() || args.max_charge_a.is_none() {
+        notes.push(format!(
+            "only voltages limit where no current was given: up to {:.0} A out of and {:.0} A into a cell; see its data sheet",
+            most(|e| e.discharge_cell_a),
+            most(|e| e.charge_cell_a)
+        ));
+    }
+    notes
 }
 
 /// Numbers with commas, or a range `from..to`, also with a step behind a colon.
@@ -147,20 +165,18 @@ fn numbers(text: &str) -> Result<Vec<f64>, String> {
 
 fn print_text(r: &SopReport) {
     say!("{}, {} to {} V per cell; most power that can be held, W (IR: simple-IR model)", r.pack.name(), r.window.low_v, r.window.high_v);
-    say!("  {:>5}{:>9}{:>8}{:>12}{:>11}{:>12}{:>11}  limited by", "SOC", "OCV / V", "for / s", "discharge", "IR", "charge", "IR");
+    let header = ["discharge", "IR", "A/cell", "charge", "IR", "A/cell"].map(|name| format!("{name:>10}")).concat();
+    say!("  {:>5}{:>9}{:>8}{header}  limited by", "SOC", "OCV / V", "for / s");
     for e in &r.map {
-        say!(
-            "  {:>5}{:>9.3}{:>8}{:>12.1}{:>11.1}{:>12.1}{:>11.1}  {}, {}",
-            e.soc.map_or_else(|| "–".to_owned(), |soc| format!("{soc:.2}")),
-            e.ocv_v,
-            e.duration_s,
-            e.discharge_w,
-            e.simple_ir_discharge_w,
-            e.charge_w,
-            e.simple_ir_charge_w,
-            words(e.limited_by.discharge),
-            words(e.limited_by.charge)
-        );
+        let soc = e.soc.map_or_else(|| "–".to_owned(), |soc| format!("{soc:.2}"));
+        let discharge = [e.discharge_w, e.simple_ir_discharge_w, e.discharge_cell_a];
+        let numbers = discharge.into_iter().chain([e.charge_w, e.simple_ir_charge_w, e.charge_cell_a]);
+        let numbers: String = numbers.map(|number| format!("{number:>10.1}")).collect();
+        let limits = (words(e.limited_by.discharge), words(e.limited_by.charge));
+        say!("  {soc:>5}{:>9.3}{:>8}{numbers}  {}, {}", e.ocv_v, e.duration_s, limits.0, limits.1);
+    }
+    for note in &r.notes {
+        say!("  note: {note}");
     }
 }
 
@@ -175,16 +191,15 @@ fn words(by: LimitedBy) -> &'static str {
 }
 
 fn csv(map: &[SopEntry]) -> String {
-    let mut text =
-        "soc,ocv_v,duration_s,discharge_w,charge_w,discharge_limited_by,charge_limited_by,simple_ir_discharge_w,simple_ir_charge_w\n"
-            .to_owned();
+    let columns = "soc,ocv_v,duration_s,discharge_w,charge_w,discharge_cell_a,charge_cell_a,simple_ir_discharge_w,simple_ir_charge_w";
+    let mut text = format!("{columns},discharge_limited_by,charge_limited_by\n");
     for e in map {
         let soc = e.soc.map_or_else(String::new, |soc| soc.to_string());
-        let limits = format!("{},{}", words(e.limited_by.discharge), words(e.limited_by.charge));
-        text += &format!(
-            "{soc},{},{},{},{},{limits},{},{}\n",
-            e.ocv_v, e.duration_s, e.discharge_w, e.charge_w, e.simple_ir_discharge_w, e.simple_ir_charge_w
-        );
+        let powers = [e.ocv_v, e.duration_s, e.discharge_w, e.charge_w, e.discharge_cell_a, e.charge_cell_a];
+        let numbers = powers.into_iter().chain([e.simple_ir_discharge_w, e.simple_ir_charge_w]);
+        let numbers: Vec<String> = numbers.map(|number| number.to_string()).collect();
+        let limits = (words(e.limited_by.discharge), words(e.limited_by.charge));
+        text += &format!("{soc},{},{},{}\n", numbers.join(","), limits.0, limits.1);
     }
     text
 }
@@ -207,7 +222,7 @@ fn draw(out: &Path, r: &SopReport) -> Result<(), Failure> {
             let line = |ir: bool| entries.iter().map(|e| (e.duration_s, 1e-3 * if ir { of(e).1 } else { of(e).0 })).collect::<Vec<_>>();
             traces.push(Trace::new(if labelled { &label } else { "" }, colour, TraceStyle::Line, line(false)));
             traces.push(Trace::new("", colour, TraceStyle::Points, line(false)));
-            let label = if labelled && colour == 0 { "simple-IR model" } else { "" };
+            let label = if labelled && colour + 1 == chosen.len() { "simple-IR model" } else { "" };
             traces.push(Trace::new(label, colour, TraceStyle::Dashed, line(true)));
         }
         Panel { aspect: 0.36, ..Panel::new(AxisSpec::logarithmic("Held for / s"), AxisSpec::linear(name), traces) }

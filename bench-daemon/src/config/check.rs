@@ -167,6 +167,7 @@ impl Check<'_> {
             periods_on_screen: self.within("eis.periods_on_screen", raw.periods_on_screen, (2.0, 1000.0), "periods")?,
             record_points: raw.record_points,
             memory_points: raw.memory_points,
+            mains_hz: raw.mains.as_ref().map(|mains| self.within("eis.mains", mains.si, (10.0, 1000.0), "Hz")).transpose()?,
         };
         self.within("eis.memory_points", raw.memory_points as f64, (1_000.0, 1.0e7), "points")?;
         // The 1–2–5 series of the time base can put 2.5 times the asked periods on the screen.

@@ -249,6 +249,8 @@ pub struct Eis {
     pub record_points: u64,
     /// Points in the scope's memory per channel.
     pub memory_points: u64,
+    /// Frequency of the mains whose pick-up is fitted besides the sinusoid, Hz; `None` if there is none to expect.
+    pub mains_hz: Option<f64>,
 }
 
 /// The fits.

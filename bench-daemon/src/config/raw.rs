@@ -87,6 +87,8 @@ pub(super) struct Eis {
     pub(super) record_points: u64,
     #[serde(default = "million")]
     pub(super) memory_points: u64,
+    #[serde(default)]
+    pub(super) mains: Option<Quantity<Frequency>>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -54,6 +54,7 @@ mod tests {
             periods_on_screen: 5.0,
             record_points: 10_000,
             memory_points: 1_000_000,
+            mains_hz: None,
         };
         let limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
         let stage = stage(Fixture::Cell, &eis, &limits, |span_s| 2.5 * span_s);

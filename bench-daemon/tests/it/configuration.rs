@@ -8,10 +8,21 @@ pub(crate) fn configs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs")
 }
 
-/// A copy of the demo's files with one text replaced in one of them.
+/// The files of the demo and of the accurate bench.
+const FILES: [&str; 7] = [
+    "benches/demo.toml",
+    "benches/accurate.toml",
+    "cells/p45b.toml",
+    "experiments/demo.toml",
+    "experiments/accurate.toml",
+    "scenarios/p45b.toml",
+    "scenarios/accurate.toml",
+];
+
+/// A copy of them with one text replaced in one of them.
 fn altered(file: &str, from: &str, to: &str) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["benches/demo.toml", "cells/p45b.toml", "experiments/demo.toml", "scenarios/p45b.toml"] {
+    for name in FILES {
         let mut text = std::fs::read_to_string(configs().join(name)).unwrap();
         if name == file {
             assert!(text.contains(from), "{name} does not contain {from:?}");
@@ -26,12 +37,13 @@ fn altered(file: &str, from: &str, to: &str) -> tempfile::TempDir {
 
 fn complaint(file: &str, from: &str, to: &str) -> String {
     let folder = altered(file, from, to);
-    load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string()
+    let experiment = if file.ends_with("accurate.toml") { "experiments/accurate.toml" } else { "experiments/demo.toml" };
+    load_experiment(&folder.path().join(experiment), None).unwrap_err().to_string()
 }
 
 #[test]
 fn every_file_in_configs_is_sound() {
-    for name in ["demo", "thesis"] {
+    for name in ["demo", "thesis", "accurate"] {
         let experiment = load_experiment(&configs().join(format!("experiments/{name}.toml")), None).unwrap();
         procedure::plan(&experiment).check(&experiment.cell.limits).unwrap();
     }
@@ -61,6 +73,24 @@ fn mistakes_are_named_with_file_line_and_field() {
         ),
         (bench, "\"memory:scope\"", "\"tcp:/scope\"", "instruments.scope.address: "),
         (bench, "\"9.96 mΩ\"", "\"9.96 mV\"", "wiring.shunt.resistance: expected a resistance with its unit"),
+        (
+            "experiments/accurate.toml",
+            "error = \"2 mΩ\"",
+            "error = \"2 %\"",
+            "fixture_check.short.error: expected a resistance with its unit",
+        ),
+        (
+            "experiments/accurate.toml",
+            "error = \"2 mΩ\"",
+            "error = \"2 Ω\"",
+            "fixture_check.short.error: expected 0.0000001 Ω to 0.1 Ω, found 2 Ω",
+        ),
+        (
+            "benches/accurate.toml",
+            "\"20 µΩ\"",
+            "\"0 µΩ\"",
+            "controls.short.resistance: expected a resistance above 0 and below 1 Ω, found 0 Ω",
+        ),
         ("cells/p45b.toml", "\"2.5 V\"", "\"4.5 V\"", "voltage_max: expected more than voltage_min, found 4.2"),
     ] {
         let line = 1 + std::fs::read_to_string(configs().join(file)).unwrap().split(from).next().unwrap().matches('\n').count();
@@ -73,6 +103,30 @@ fn mistakes_are_named_with_file_line_and_field() {
             assert!(message.contains(&format!("{file}:{line}: {field}")), "line {line}: {message}");
         }
     }
+}
+
+#[test]
+fn a_control_needs_its_impedance_and_an_open_jig_its_bounds() {
+    let bench = std::fs::read_to_string(configs().join("benches/accurate.toml")).unwrap();
+    let start = bench.find("[controls.short]").unwrap();
+    let end = start + bench[start..].find("[simulation]").unwrap();
+    let message = complaint("benches/accurate.toml", &bench[start..end], "");
+    assert!(message.contains("controls.short: expected its impedance: [fixture_check.short] measures it"), "{message}");
+    let open = |resistance: &str, capacitance: &str| {
+        let text = format!("[controls.open]\nresistance_min = \"{resistance}\"\ncapacitance_max = \"{capacitance}\"\n\n[controls.short]");
+        complaint("benches/accurate.toml", "[controls.short]", &text)
+    };
+    let message = open("0 MΩ", "1 nF");
+    assert!(message.contains("controls.open.resistance_min: expected a resistance above 0 Ω, found 0 Ω"), "{message}");
+    let message = open("1 MΩ", "1 nH");
+    assert!(message.contains("controls.open.capacitance_max: expected a capacitance with its unit, such as \"1 nF\""), "{message}");
+    let folder = altered(
+        "benches/accurate.toml",
+        "[controls.short]",
+        "[controls.open]\nresistance_min = \"1 MΩ\"\ncapacitance_max = \"2 nF\"\n\n[controls.short]",
+    );
+    let open = load_experiment(&folder.path().join("experiments/accurate.toml"), None).unwrap().bench.open.unwrap();
+    assert!((open.g_s - 0.5e-6).abs() < 1e-12 && (open.c_f - 1e-9).abs() < 1e-15, "{open:?}");
 }
 
 #[test]

@@ -52,6 +52,7 @@ fn the_run_folder_is_complete_and_everything_in_it_is_readable() {
     assert_spectra(&run);
     assert_captures(&run);
     assert_models(&run);
+    assert_budget(&run);
     assert_controls(&run);
     assert_manifest(&run);
     assert_tables(&run);
@@ -129,6 +130,34 @@ fn assert_models(run: &Path) {
     }
 }
 
+/// The budget is that of the spectrum: its totals are the spectrum's standard deviations, and its parts add up to them in squares.
+fn assert_budget(run: &Path) {
+    let spectrum = read_spectrum_csv(&run.join("spectrum.csv")).unwrap();
+    let text = fs::read_to_string(run.join("budget.csv")).unwrap();
+    let (header, rows) = text.split_once('\n').unwrap();
+    let names: Vec<&str> = header.split(',').collect();
+    for name in ["noise", "quantisation", "drift", "shunt", "gain", "skew", "mutual_inductance", "fake_cell", "control_noise"] {
+        assert!(names.contains(&format!("{name}_pct").as_str()) && names.contains(&format!("{name}_deg").as_str()), "{name}: {header}");
+    }
+    for (row, point) in rows.lines().zip(&spectrum) {
+        let cells: Vec<f64> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
+        let column = |name: &str| cells[names.iter().position(|met| *met == name).unwrap()];
+        assert_eq!(column("freq_hz"), point.freq_hz);
+        for (unit, stated) in
+            [("_pct", 100.0 * point.magnitude_sigma_ohm() / point.magnitude_ohm()), ("_deg", point.phase_sigma_rad().to_degrees())]
+        {
+            assert!((column(&format!("total{unit}")) / stated - 1.0).abs() < 1.0e-3, "{row}");
+            let parts = names
+                .iter()
+                .filter(|name| name.ends_with(unit) && !["correction", "total", "phase"].iter().any(|sum| name.starts_with(sum)));
+            let squares: f64 = parts.map(|name| column(name).powi(2)).sum();
+            assert!((squares.sqrt() / stated - 1.0).abs() < 1.0e-3, "{row}");
+        }
+    }
+    assert_eq!(rows.lines().count(), POINTS);
+    assert_eq!(json(&run.join("budget.json"))["points"].as_array().unwrap().len(), POINTS);
+}
+
 fn assert_controls(run: &Path) {
     let correction: Correction = serde_json::from_value(json(&run.join("correction.json"))).unwrap();
     assert!(correction.parameters().iter().all(|parameter| parameter.value.is_finite() && parameter.sigma > 0.0));
@@ -186,7 +215,7 @@ fn assert_report(run: &Path) {
     }
     assert!(report.matches("<svg").count() >= 3 && report.contains("Molicel P45B"));
     let orders = (1..=4).map(|rc| format!("nyquist_fit_{rc}rc"));
-    for name in ["nyquist", "bode", "nyquist_controls"].map(str::to_owned).into_iter().chain(orders) {
+    for name in ["nyquist", "bode", "budget", "nyquist_controls"].map(str::to_owned).into_iter().chain(orders) {
         let svg = fs::read_to_string(run.join(format!("plots/{name}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{name}");
         let png = fs::read(run.join(format!("plots/{name}.png"))).unwrap();

@@ -10,6 +10,7 @@ mod fit_circuit;
 mod kill;
 mod kk;
 mod mock_process;
+mod ocv_joint;
 mod ranging;
 mod simulate;
 mod support;

@@ -60,6 +60,23 @@ fn a_bench_that_measures_its_controls_wrong_never_touches_the_cell() {
     }
 }
 
+#[test]
+fn a_short_that_reads_too_much_ends_the_run() {
+    let known =
+        "[controls.short]\nresistance = \"20 µΩ\"\nresistance_sigma = \"0.2 µΩ\"\ninductance = \"6 nH\"\ninductance_sigma = \"0.3 nH\"";
+    let files = Files::brief(2).append(BENCH, known).append(EXPERIMENT, "[fixture_check.short]\nerror = \"0.1 mΩ\"");
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let ended = files.run("run");
+    ended.expect_code(4);
+    // 0.57 % between the gains of C3 and C4 on 39 mΩ of common potential.
+    let message = ended.message();
+    let rest = message.strip_prefix("fixture check failed: short as read: short of 20 µΩ measures WRONG: off by ");
+    let (found, rest) = rest.and_then(|rest| rest.split_once(" µΩ at ")).unwrap_or_else(|| panic!("{message}"));
+    assert!((120.0..400.0).contains(&found.parse::<f64>().unwrap()) && rest.contains("OUTSIDE the tolerance of 100 µΩ"), "{message}");
+    assert_cell_left_alone(&files.path("run"), &ports);
+    ports.assert_outputs_off();
+}
+
 /// No step with the cell was begun, nothing was switched on but the pair that drives the controls, and the cell felt nothing.
 fn assert_cell_left_alone(run: &Path, ports: &Ports) {
     let events = fs::read_to_string(run.join("events.csv")).unwrap();

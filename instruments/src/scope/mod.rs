@@ -146,6 +146,8 @@ pub struct Preamble {
     pub code_min: i16,
     /// Greatest code of the ADC.
     pub code_max: i16,
+    /// From one code of the ADC to the next.
+    pub code_step: u16,
 }
 
 /// One channel of one frame.

@@ -18,6 +18,8 @@ pub(super) const SDS800X_HD: Sds = Sds;
 const DESCRIPTOR_BYTES: usize = 346;
 /// Codes of a 12-bit sample, left-justified in 16 bits: the greatest is 2047 · 16.
 const CODE_MAX: i16 = 2047 * 16;
+/// From one 12-bit sample's code to the next.
+const CODE_STEP: u16 = 16;
 /// Greatest |offset| by scale at the 1× probe. Data sheet of the 2000X HD family, taken for this one: check it on the first real unit; a wrong
 /// entry shows as a read-back error, never as a wrong voltage.
 const OFFSET_LIMITS: &[(Volts, Volts)] = &[
@@ -140,6 +142,7 @@ impl Dialect for Sds {
             delay_s: descriptor.f64(180),
             code_min: i16::MIN,
             code_max: CODE_MAX,
+            code_step: CODE_STEP,
         })
     }
 

@@ -1,7 +1,11 @@
 //! Tests of the fit as a whole: the thesis' data, known circuits, noise, refusals, files.
 
 mod known;
+mod minima;
+mod order;
+mod profile;
 mod refusal;
+mod spread;
 mod thesis;
 
 use super::Rng;

@@ -1,11 +1,13 @@
 //! The thesis' own 25 sweeps against its appendix A.
 
+use crate::fit::local::Smooth;
+use crate::fit::problem::Problem;
 use crate::fit::{FitOptions, Objective, fit_erm};
 use crate::formats::read_unbiased_cells;
 use crate::spectrum::Spectrum;
 use std::path::Path;
 
-fn real_sweeps() -> Vec<Spectrum> {
+pub(super) fn real_sweeps() -> Vec<Spectrum> {
     let table = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
     let sweeps = read_unbiased_cells(&table).unwrap();
     assert_eq!((sweeps.len(), sweeps.iter().map(|s| s.points.len()).sum::<usize>()), (25, 500));
@@ -14,7 +16,7 @@ fn real_sweeps() -> Vec<Spectrum> {
 
 /// Appendix A in the order of rising time constants: objective in Ω, then R, R1, C1, … For one branch the global optimum, which the appendix
 /// misses: its 0.2417 Ω is a local one.
-fn expected() -> [(f64, Vec<f64>); 4] {
+pub(super) fn expected() -> [(f64, Vec<f64>); 4] {
     [
         (0.193_24, vec![0.006_935, 0.001_709, 1.196]),
         (0.072_555, vec![0.006_923_69, 0.001_706_49, 1.171_46, 0.002_574_39, 749.955]),
@@ -29,23 +31,16 @@ fn appendix_a_comes_out_of_the_default_start() {
     for (i, (objective, parameters)) in expected().into_iter().enumerate() {
         let fit = fit_erm(&sweeps, &FitOptions { rc: i + 1, ..FitOptions::default() }).unwrap();
         assert!((fit.objective - objective).abs() < 5e-6, "{} RC: expected {objective} Ω, met {} Ω", i + 1, fit.objective);
+        // The appendix' search stopped a little above the bottom, where the values with three branches are 0.25 % off: see the value there.
+        let tolerance = [1e-3, 1e-3, 2.6e-3, 5e-3][i];
+        let logarithms: Vec<f64> = parameters.iter().map(|p| p.ln()).collect();
+        assert!(Problem::new(&sweeps, Objective::SumAbs).value(&logarithms) > fit.objective);
         let met: Vec<f64> = fit.erm.log_parameters().iter().map(|x| x.exp()).collect();
         assert_eq!(met.len(), parameters.len());
         for ((name, met), expected) in fit.erm.parameter_names().iter().zip(&met).zip(&parameters) {
-            assert!((met / expected - 1.0).abs() < 0.003, "{} RC, {name}: expected {expected}, met {met}", i + 1);
+            assert!((met / expected - 1.0).abs() < tolerance, "{} RC, {name}: expected {expected}, met {met}", i + 1);
         }
         assert_eq!((fit.points, fit.spectra), (500, 25));
-    }
-}
-
-#[test]
-fn every_seed_reaches_the_same_optimum() {
-    let sweeps = real_sweeps();
-    for (i, (objective, _)) in expected().into_iter().enumerate() {
-        for seed in 1..=20 {
-            let fit = fit_erm(&sweeps, &FitOptions { rc: i + 1, seed, ..FitOptions::default() }).unwrap();
-            assert!((fit.objective - objective).abs() < 5e-6, "{} RC, seed {seed}: {} Ω", i + 1, fit.objective);
-        }
     }
 }
 

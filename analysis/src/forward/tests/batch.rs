@@ -92,3 +92,33 @@ fn the_largest_scale_of_a_resistance_is_known() {
     assert_eq!(scale(CellWindow::THESIS, 0.0).bound, ScaleBound::Nothing);
     assert_eq!(scale(CellWindow { low_v: 3.7, high_v: 4.2 }, 100.0).factor, 0.0);
 }
+
+#[test]
+fn a_step_without_error_control_is_of_second_order() {
+    let model = flat_cell();
+    let rest = model.rest(0.5).unwrap();
+    let profile = rows(Demand::Power, Interpolation::Linear, &[(0.0, 20.0), (0.02, 140.0), (0.04, 60.0)]);
+    let exact = simulate(&model, &rest, &profile, &SimOptions { tolerance_v: 1e-12, ..SimOptions::default() }).unwrap().end;
+    let error = |max_step_s: f64| {
+        let lane = BatchCell { model: &model, state: &rest, scale: 1.0 };
+        let options = BatchOptions { max_step_s, ..BatchOptions::default() };
+        let end = simulate_batch(&[lane], &profile, &options).unwrap().remove(0).end;
+        end.v_rc_v.iter().zip(&exact.v_rc_v).map(|(a, b)| (a - b).abs()).sum::<f64>()
+    };
+    let errors = [2e-4, 1e-4, 5e-5].map(error);
+    assert!(errors.windows(2).all(|pair| (pair[0] / pair[1] - 4.0).abs() < 0.3), "{errors:?}");
+}
+
+#[test]
+fn one_step_is_exact_for_a_current_along_a_straight_line() {
+    let model = flat_cell();
+    let rest = model.rest(0.5).unwrap();
+    let profile = rows(Demand::Current, Interpolation::Linear, &[(0.0, 0.0), (1.0, 60.0)]);
+    let lane = BatchCell { model: &model, state: &rest, scale: 1.0 };
+    let met = simulate_batch(&[lane], &profile, &BatchOptions::default()).unwrap().remove(0);
+    for (v, b) in met.end.v_rc_v.iter().zip(&thesis_cell().branches) {
+        let tau = b.r_ohm * b.c_f;
+        let expected = 60.0 * b.r_ohm * (1.0 - tau * (1.0 - (-1.0 / tau).exp()));
+        assert!((v - expected).abs() < 1e-12, "{v} V against {expected} V");
+    }
+}

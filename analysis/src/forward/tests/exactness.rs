@@ -98,6 +98,19 @@ fn power_that_runs_out_within_a_step_stops_there() {
 }
 
 #[test]
+fn a_long_overload_on_the_tangent_ends_the_run_and_a_short_one_does_not() {
+    let model = flat_cell();
+    let run = |overload_s: f64| {
+        let profile = rows(Demand::Power, Interpolation::Hold, &[(0.0, 100.0), (0.1, 600.0), (0.1 + overload_s, 50.0), (2.0, 0.0)]);
+        let options = SimOptions { beyond: Beyond::Extrapolate { fraction: 0.95 }, ..SimOptions::default() };
+        simulate(&model, &model.rest(0.5).unwrap(), &profile, &options).unwrap().summary
+    };
+    let (short, long) = (run(1e-3), run(1.5));
+    assert!(!short.feasible && (short.simulated_s - 2.0).abs() < 1e-9, "{short:?}");
+    assert!(!long.feasible && long.simulated_s < 1.6 && long.min_ccv_v.is_finite(), "{long:?}");
+}
+
+#[test]
 fn margins_leave_the_interconnect_out() {
     let pack = Pack::new(16, 3, 0.03).unwrap();
     let model = SimModel::pack(&Erm { r_ohm: 0.015, branches: vec![] }, OcvSource::Constant(3.6), pack).unwrap();

@@ -46,6 +46,17 @@ fn without_spread_every_draw_is_the_identical_pack() {
 }
 
 #[test]
+fn a_peak_of_one_step_is_in_the_bands() {
+    let rows: Vec<(f64, f64)> = (0..5000).map(|k| (0.002 * f64::from(k), if k == 2345 { 900.0 } else { 50.0 })).collect();
+    let profile = Profile::new("peak", (Demand::Power, Interpolation::Hold), &rows).unwrap();
+    let (cell, ocv) = (erm(), ocv());
+    let met = scatter(&setup(&cell, &ocv, &profile), &Spread::NONE, Draws { draws: 2, seed: 1 }).unwrap();
+    let lowest = met.bands.iter().map(|r| r.lowest_v.p50).fold(f64::INFINITY, f64::min);
+    assert_eq!(lowest, met.identical.min_cell_v);
+    assert!(met.bands.len() <= 502 && met.bands.iter().any(|r| r.demand == 900.0));
+}
+
+#[test]
 fn shares_at_the_first_instant_follow_the_spread_of_resistance() {
     // Of three cells with conductances 1 ± σ each takes its part of the mean: the standard deviation of a share is σ·√(2/3), the largest of
     // twelve such is above 1. Only R scatters; a current step, one step long.
@@ -82,7 +93,7 @@ fn weaker_cells_leave_the_window_first_and_a_seed_is_a_result() {
 fn too_much_power_is_a_result_and_nonsense_an_error() {
     let (cell, ocv, profile) = (erm(), ocv(), pulse(1e5));
     let met = scatter(&setup(&cell, &ocv, &profile), &Spread::NONE, Draws { draws: 2, seed: 0 }).unwrap();
-    assert!(!met.identical.feasible && met.leaving().0 == 1.0);
+    assert!(!met.identical.feasible && met.leaving().0 == 1.0 && met.short_of_power() == 1.0);
     let bad = Spread { r: -0.1, ..Spread::NONE };
     let text = scatter(&setup(&cell, &ocv, &profile), &bad, Draws { draws: 2, seed: 0 }).unwrap_err().to_string();
     assert_eq!(text, "spread between cells: expected a standard deviation from 0 to 0.5, met -0.1");

@@ -1,6 +1,4 @@
-//! How long fits of circuits take and how often they end at the best known optimum: `cargo bench -p analysis --bench circuit [-- --json]`.
-//!
-//! Times are wall clock of one thread's view; the peers' are measured by `benches/peers` in the same run.
+//! How long fits of circuits take, with covariance, and how often they end at the best known optimum.
 
 use analysis::fit::{CircuitOptions, Rng, fit_circuit};
 use analysis::model::Circuit;
@@ -8,7 +6,8 @@ use analysis::spectrum::{Covariance2, ImpedancePoint, Spectrum};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::hint::black_box;
-use std::io::Write;
+
+use crate::{Row, Unit};
 
 /// One line of the table.
 struct Case {
@@ -25,29 +24,29 @@ const SEEDS: u64 = 40;
 const POINTS: u32 = 20;
 const NOISE: f64 = 0.005;
 
-fn main() {
-    let json = std::env::args().any(|argument| argument == "--json");
+/// The figures.
+pub(crate) fn rows() -> Vec<Row> {
     let four = vec![0.00643, 0.00151, 0.553, 0.000_663, 6.98, 0.000_404, 664.0, 0.004_77, 1084.0];
     let diffusion = vec![0.0165, 0.0087, 3.3, 0.0054, 0.063, 233.0, 0.22, 0.9];
     let cases = [
-        Case { name: "circuit/4rc/good_start", circuit: FOUR_RC, truth: four.clone(), guessed: true },
-        Case { name: "circuit/4rc/no_start", circuit: FOUR_RC, truth: four, guessed: false },
-        Case { name: "circuit/diffusion/no_start", circuit: DIFFUSION, truth: diffusion, guessed: false },
+        Case {
+            name: "local fit of 4 RC as a circuit, covariance included, good start",
+            circuit: FOUR_RC,
+            truth: four.clone(),
+            guessed: true,
+        },
+        Case { name: "fit of 4 RC as a circuit, no start", circuit: FOUR_RC, truth: four, guessed: false },
+        Case { name: "fit of R0-p(R1,C1)-p(R2-Wo1,CPE1), no start", circuit: DIFFUSION, truth: diffusion, guessed: false },
     ];
-    for case in cases {
-        let (seconds, fraction) = run(&case);
-        let line = if json {
-            format!("{{\"name\": \"{}\", \"seconds\": {seconds:e}, \"fraction_at_optimum\": {fraction}}}", case.name)
-        } else {
-            format!("{:<28} {:>9.3} ms   {:>5.1} % at the best known optimum", case.name, 1e3 * seconds, 100.0 * fraction)
-        };
-        // A reader that has gone is no reason to fail.
-        let _ = writeln!(std::io::stdout(), "{line}");
-    }
+    let row = |case: &Case| {
+        let (seconds, fraction) = run(case);
+        let work = if case.guessed { "fit-local-4rc" } else { "" };
+        Row::new(work, case.name, seconds, Unit::Seconds).noted(format!("{:.1} % of {SEEDS} at the best known optimum", 100.0 * fraction))
+    };
+    cases.iter().map(row).collect()
 }
 
 /// Median seconds of a fit, and the fraction of the seeds that end within 1e-6 of the best value that any fit of the same data reaches.
-#[allow(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 fn run(case: &Case) -> (f64, f64) {
     let Ok(circuit) = case.circuit.parse::<Circuit>() else { return (f64::NAN, 0.0) };
     let guess = if case.guessed {

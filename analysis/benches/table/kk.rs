@@ -1,7 +1,4 @@
-//! Time of the linear Kramers–Kronig test with automatic order at 20 and 57 points, and of a distribution of relaxation times at 20. One line
-//! each; with `--json` as objects {"name", "seconds"}. Best of several batches, for the machine is shared.
-
-#![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "a benchmark reads the machine's clock and prints")]
+//! Time of the linear Kramers–Kronig test with automatic order at 20 and 57 points, and of a distribution of relaxation times at 20.
 
 use analysis::drt::drt;
 use analysis::fit::Rng;
@@ -11,6 +8,8 @@ use num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::time::Instant;
+
+use crate::{Row, Unit};
 
 const BATCHES: u32 = 15;
 
@@ -39,30 +38,26 @@ fn time(spectra: &[Spectrum], rounds: u32, work: impl Fn(&Spectrum)) -> f64 {
     (0..BATCHES).map(batch).fold(f64::INFINITY, f64::min)
 }
 
-fn main() {
-    let json = std::env::args().any(|argument| argument == "--json");
-    let report = |name: &str, seconds: f64| {
-        if json {
-            println!("{{\"name\": \"{name}\", \"seconds\": {seconds:e}}}");
-        } else {
-            println!("{name:<44} {:>10.1} µs", 1e6 * seconds);
-        }
-    };
+/// The figures.
+pub(crate) fn rows() -> Vec<Row> {
     let many = |points, band, stated| (0..20).map(|seed| spectrum(points, band, stated, seed)).collect::<Vec<_>>();
     let test = |s: &Spectrum| {
         if let Ok(noise) = Noise::of(s, &[]) {
             let _ = black_box(kramers_kronig(black_box(s), &noise));
         }
     };
-    let (thesis, wide) = ((0.1, 300.0), (0.01, 1e5));
-    report("lin-KK, 20 points, noise stated", time(&many(20, thesis, true), 20, test));
-    report("lin-KK, 20 points, noise estimated", time(&many(20, thesis, false), 20, test));
-    report("lin-KK, 57 points, noise stated", time(&many(57, wide, true), 5, test));
-    report("lin-KK, 57 points, noise estimated", time(&many(57, wide, false), 5, test));
     let distribution = |s: &Spectrum| {
         if let Ok(noise) = Noise::of(s, &[]) {
             let _ = black_box(drt(black_box(s), &noise));
         }
     };
-    report("DRT, 20 points", time(&many(20, thesis, true), 1, distribution));
+    let (thesis, wide) = ((0.1, 300.0), (0.01, 1e5));
+    let row = |work, what, seconds| Row::new(work, what, seconds, Unit::Seconds);
+    vec![
+        row("lin-kk-20", "lin-KK, 20 points, noise stated", time(&many(20, thesis, true), 20, test)),
+        row("lin-kk-20", "lin-KK, 20 points, noise estimated too", time(&many(20, thesis, false), 20, test)),
+        row("lin-kk-57", "lin-KK, 57 points, noise stated", time(&many(57, wide, true), 5, test)),
+        row("lin-kk-57", "lin-KK, 57 points, noise estimated too", time(&many(57, wide, false), 5, test)),
+        row("", "distribution of relaxation times, 20 points", time(&many(20, thesis, true), 1, distribution)),
+    ]
 }

@@ -1,8 +1,5 @@
-//! How many steps per second the forward simulation makes: 4 RC, a power profile at 10 kHz over 60 s, as `docs` of the peers' figures have it.
-//!
-//! `cargo bench -p analysis --bench forward [-- --json]`. Best of several runs, so that a busy machine disturbs least; per core where it says so.
-#![allow(clippy::disallowed_methods, reason = "a benchmark measures the machine's time")]
-#![allow(clippy::unwrap_used, missing_docs, reason = "a benchmark may end with its reason")]
+//! How many steps per second the forward simulation makes: 4 RC, a power profile at 10 kHz over 60 s. Best of several runs, so that a busy machine
+//! disturbs least.
 
 use analysis::forward::{
     BatchCell, BatchOptions, Beyond, Demand, Interpolation, OcvSource, Profile, SimModel, SimOptions, SimState, simulate, simulate_batch,
@@ -11,12 +8,14 @@ use analysis::model::{Erm, RcBranch};
 use analysis::ocv::OcvCurve;
 use std::time::Instant;
 
+use crate::{Row, Unit};
+
 const STEPS: usize = 600_000;
 const CELLS: usize = 64;
 const RUNS: usize = 7;
 
-fn main() {
-    let json = std::env::args().any(|a| a == "--json");
+/// The figures.
+pub(crate) fn rows() -> Vec<Row> {
     let (flat, curved) = (cell(OcvSource::Constant(3.72)), cell(OcvSource::Curve(curve())));
     let state = flat.rest(0.5).unwrap();
     let (held, linear) = (profile(Interpolation::Hold), profile(Interpolation::Linear));
@@ -32,24 +31,17 @@ fn main() {
         assert!(run.summary.feasible);
         STEPS as f64 / start.elapsed().as_secs_f64()
     };
-    let cases: [(&str, &dyn Fn() -> f64); 7] = [
-        ("forward_one_cell_held_power", &|| one(&flat, &held)),
-        ("forward_one_cell_linear_power", &|| one(&flat, &linear)),
-        ("forward_one_cell_error_controlled_with_trace", &controlled),
-        ("forward_batch_per_core_held_power", &|| many(&flat, &held, &stop)),
-        ("forward_batch_per_core_tangent", &|| many(&flat, &held, &tangent)),
-        ("forward_batch_per_core_ocv_curve", &|| many(&curved, &held, &stop)),
-        ("forward_batch_all_cores", &|| batch((&flat, &state, CELLS), &held, &stop)),
+    let cases: [(&str, &str, &dyn Fn() -> f64); 7] = [
+        ("forward-4rc", "forward, one cell, held power", &|| one(&flat, &held)),
+        ("", "forward, one cell, linear power", &|| one(&flat, &linear)),
+        ("", "forward, one cell, error control and trace", &controlled),
+        ("forward-4rc", "forward, 64 cells in lockstep, per core", &|| many(&flat, &held, &stop)),
+        ("", "  the same with the tangent beyond P₀", &|| many(&flat, &held, &tangent)),
+        ("", "  the same with an OCV curve", &|| many(&curved, &held, &stop)),
+        ("", "  the same on all cores", &|| batch((&flat, &state, CELLS), &held, &stop)),
     ];
-    let only = std::env::args().skip(1).find(|a| !a.starts_with('-'));
-    for (name, case) in cases.into_iter().filter(|(name, _)| only.as_ref().is_none_or(|o| name.contains(o.as_str()))) {
-        let best = (0..RUNS).map(|_| case()).fold(0.0, f64::max);
-        if json {
-            println!("{{\"name\":\"{name}\",\"steps_per_s\":{best:.4e}}}");
-        } else {
-            println!("{name:<48} {:>8.1} Msteps/s", best * 1e-6);
-        }
-    }
+    let best = |case: &dyn Fn() -> f64| (0..RUNS).map(|_| case()).fold(0.0, f64::max);
+    cases.into_iter().map(|(work, what, case)| Row::new(work, what, best(case), Unit::PerSecond("steps"))).collect()
 }
 
 /// Cell-steps per second of a batch of equal cells at different scales.

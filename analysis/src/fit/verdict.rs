@@ -1,0 +1,123 @@
+//! One recommended order out of the rows of [`super::order`], with reasons in words.
+
+use super::order::OrderRow;
+use std::cmp::Ordering;
+
+/// Lower orders whose criterion is within this of the best are not told from it: odds of about one to four and a half.
+const PLAUSIBLE: f64 = 3.0;
+/// The same for higher orders, which have to earn their branches.
+const PLAUSIBLE_ABOVE: f64 = 1.5;
+/// A cell left out counts as predicted as well as by the best order when the error is larger by no more than this.
+const AS_WELL: f64 = 1.05;
+/// Below this probability a test speaks against an order.
+const LEVEL: f64 = 0.01;
+
+/// The order to use, the orders that cannot be told from the best, and the reasons.
+pub(super) fn judge(rows: &[OrderRow]) -> (usize, Vec<usize>, Vec<String>) {
+    let Some(best) = rows.iter().min_by(|a, b| a.aicc.total_cmp(&b.aicc)) else { return (0, Vec::new(), Vec::new()) };
+    let tested = by_f_test(rows);
+    let near = |r: &&OrderRow| r.aicc <= best.aicc + if r.rc < best.rc { PLAUSIBLE } else { PLAUSIBLE_ABOVE } || r.rc == tested;
+    let plausible: Vec<usize> = rows.iter().filter(near).map(|r| r.rc).collect();
+    let usable = |r: &&OrderRow| plausible.contains(&r.rc) && r.unidentified.is_empty();
+    let recommended = rows.iter().filter(usable).min_by(|a, b| a.aicc.total_cmp(&b.aicc)).unwrap_or(best);
+    let mut reasons = vec![akaike(rows, best)];
+    reasons.push(f_test(rows, tested));
+    reasons.extend(whiteness(rows));
+    reasons.extend(lack_of_fit(rows));
+    reasons.extend(left_out(rows));
+    if !recommended.unidentified.is_empty() {
+        reasons.push(format!(
+            "{} RC are needed to describe the impedance, but the data do not fix {}: do not read meaning into these",
+            recommended.rc,
+            recommended.unidentified.join(", ")
+        ));
+    } else if recommended.rc != best.rc {
+        reasons.push(format!(
+            "{} RC describe the data as well, and each cell fixes all their parameters; {} RC would leave {} open",
+            recommended.rc,
+            best.rc,
+            best.unidentified.join(", ")
+        ));
+    }
+    if rows.last().is_some_and(|r| r.rc == best.rc && r.rc > 0) {
+        reasons.push(format!("{} RC is the highest order tried: more might still gain", best.rc));
+    }
+    if plausible.len() > 1 {
+        let list = plausible.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+        reasons.push(format!("cannot tell: {list} RC are equally well supported"));
+    }
+    (recommended.rc, plausible, reasons)
+}
+
+/// The order from which no next branch pays.
+fn by_f_test(rows: &[OrderRow]) -> usize {
+    rows.iter().filter(|r| r.f_test_p.is_some_and(|p| p < LEVEL)).map(|r| r.rc).max().or(rows.first().map(|r| r.rc)).unwrap_or(0)
+}
+
+fn akaike(rows: &[OrderRow], best: &OrderRow) -> String {
+    let next = rows.iter().filter(|r| r.rc != best.rc).min_by(|a, b| a.aicc.total_cmp(&b.aicc));
+    match next {
+        Some(next) if next.aicc.is_finite() => {
+            format!("AICc is least for {} RC; the next best, {} RC, is {:.1} above", best.rc, next.rc, next.aicc - best.aicc)
+        }
+        _ => format!("AICc is least for {} RC", best.rc),
+    }
+}
+
+fn f_test(rows: &[OrderRow], tested: usize) -> String {
+    let next = rows.iter().find(|r| r.rc == tested + 1).and_then(|r| r.f_test_p);
+    let own = rows.iter().find(|r| r.rc == tested).and_then(|r| r.f_test_p);
+    let own = own.map_or(String::new(), |p| format!("the step to {tested} RC is significant (p = {}), ", small(p)));
+    match next {
+        Some(p) => format!("F-test: {own}the step to {} RC is not (p = {})", tested + 1, small(p)),
+        None => format!("F-test: {own}no higher order was tried"),
+    }
+}
+
+fn whiteness(rows: &[OrderRow]) -> Option<String> {
+    let white = rows.iter().find(|r| r.whiteness_p.is_some_and(|p| p >= LEVEL));
+    match white {
+        Some(r) => Some(format!("residuals look like noise over ln f from {} RC on (p = {})", r.rc, small(r.whiteness_p?))),
+        None if rows.iter().any(|r| r.whiteness_p.is_some()) => Some(
+            "residuals keep waves over ln f at every order: something other than RC branches, or noise common to neighbours".to_owned(),
+        ),
+        None => None,
+    }
+}
+
+fn lack_of_fit(rows: &[OrderRow]) -> Option<String> {
+    let adequate = rows.iter().find(|r| r.lack_of_fit_p.is_some_and(|p| p >= LEVEL));
+    match adequate {
+        Some(r) => Some(format!("from {} RC on the residuals are no larger than the scatter of repeats explains", r.rc)),
+        None if rows.iter().any(|r| r.lack_of_fit_p.is_some()) => {
+            Some("at every order the residuals are larger than the scatter of repeats explains".to_owned())
+        }
+        None => None,
+    }
+}
+
+/// The smallest order that predicts a cell left out as well as the best does.
+pub(super) fn for_other_cells(rows: &[OrderRow]) -> Option<&OrderRow> {
+    let least = rows.iter().filter_map(|r| r.left_out_cell).fold(f64::INFINITY, f64::min);
+    rows.iter().find(|r| r.left_out_cell.is_some_and(|e| e <= AS_WELL * least))
+}
+
+fn left_out(rows: &[OrderRow]) -> Option<String> {
+    let enough = for_other_cells(rows)?;
+    let percent = |r: &OrderRow| r.left_out_cell.map(|e| 100.0 * e);
+    let best = rows
+        .iter()
+        .filter(|r| r.left_out_cell.is_some())
+        .min_by(|a, b| a.left_out_cell.partial_cmp(&b.left_out_cell).unwrap_or(Ordering::Equal))?;
+    Some(format!(
+        "{} RC of the other cells predict a cell left out within {:.2} % rms, the best order within {:.2} %: for a cell that was not measured {} RC are enough",
+        enough.rc,
+        percent(enough)?,
+        percent(best)?,
+        enough.rc
+    ))
+}
+
+fn small(p: f64) -> String {
+    if p < 1e-4 { format!("{p:.0e}") } else { format!("{p:.3}") }
+}
