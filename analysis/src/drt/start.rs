@@ -4,7 +4,8 @@ use super::Drt;
 use crate::model::RcBranch;
 use std::f64::consts::PI;
 
-/// RC branches that stand for the distribution, by rising time constant: n of them, or as many as there are nodes that carry something.
+/// RC branches that stand for the distribution, by rising time constant: n of them, or as many as there are nodes that carry something; none if
+/// all of it is within two standard deviations of zero.
 ///
 /// The nodes are merged to n groups so that each step costs the least squared spread of ln τ (Ward, J. Am. Stat. Assoc. 58 (1963) 236). What the
 /// distribution holds in its Warburg element and capacitance, which an ERM does not have, is spread over the slow end: A/√(jω) is the
@@ -38,5 +39,11 @@ pub fn start_values(drt: &Drt, n: usize) -> Vec<RcBranch> {
         groups[k] = (r + s, (r * at + s * by) / (r + s));
     }
     groups.truncate(n);
+    // The uncertainty of all together is the scale below which a single one tells nothing; a tail stands out by its own size.
+    let tail = drt.elastance_per_f.value > 2.0 * drt.elastance_per_f.sigma
+        || drt.warburg_ohm_per_sqrt_s.value > 2.0 * drt.warburg_ohm_per_sqrt_s.sigma;
+    if !tail && drt.polarisation_ohm.value <= 2.0 * drt.polarisation_ohm.sigma {
+        return Vec::new();
+    }
     groups.into_iter().map(|(r_ohm, ln_tau)| RcBranch { r_ohm, c_f: ln_tau.exp() / r_ohm }).collect()
 }

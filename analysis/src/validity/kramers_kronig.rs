@@ -25,6 +25,9 @@ const REACH: f64 = 5.0;
 const LARGEST: f64 = 0.2;
 const MOST_PER_DECADE: f64 = 5.0;
 const MOST_ELEMENTS: usize = 60;
+/// The same two of what Z-HIT starts from where the test fails: no time constant beyond the band.
+const STIFF_REACH: f64 = 0.5;
+const STIFF_PER_DECADE: f64 = 3.0;
 /// Shares of the false-alarm rate: the single points, the sum of all.
 const POINTS_SHARE: f64 = 0.4;
 const SUM_SHARE: f64 = 0.3;
@@ -36,7 +39,7 @@ const UNTESTED: f64 = 0.97;
 pub struct KkPoint {
     /// Frequency, Hz.
     pub freq_hz: f64,
-    /// Measured less fitted real part, % of |Z|. Of a point that was left out: against the fit to the others.
+    /// Measured less fitted real part, % of |Z|. Of a single point that was left out: against the fit to the others.
     pub re_percent: f64,
     /// The same of the imaginary part.
     pub im_percent: f64,
@@ -48,7 +51,8 @@ pub struct KkPoint {
     pub sigmas: f64,
     /// Probability of such a distance in a valid spectrum.
     pub p: f64,
-    /// Left out of the fit, for it disagrees with the others.
+    /// It disagrees with the others: a single point that was left out of the fit, or one of an end of the band, whose residual is that of the fit to the
+    /// whole band (the fit to the rest says nothing sensible there).
     pub left_out: bool,
     /// False where the ladder follows the point wherever it goes.
     pub tested: bool,
@@ -86,7 +90,7 @@ pub struct KramersKronig {
     pub mu_order: Option<usize>,
     /// µ of the fit that is reported.
     pub mu: f64,
-    /// Weighted sum of squared residuals; points that were left out do not count.
+    /// Weighted sum of squared residuals; single points that were left out do not count.
     pub chi2: f64,
     /// Its degrees of freedom; not whole, for the resistances are held within reason.
     pub dof: f64,
@@ -107,7 +111,7 @@ pub struct KramersKronig {
     pub(super) reference: Reference,
 }
 
-/// A fit to all but single bad points: what Z-HIT starts from.
+/// What Z-HIT starts from: the fit to all but single bad points, or a stiffer one where that fails.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Reference {
     /// Impedance of each point, Ω.
@@ -117,6 +121,16 @@ pub(super) struct Reference {
 }
 
 impl KramersKronig {
+    /// The largest residual that the ladder leaves, with its point.
+    pub(super) fn worst(&self) -> Option<&KkPoint> {
+        self.points.iter().max_by(|a, b| a.percent().total_cmp(&b.percent()))
+    }
+
+    /// The real part is negative over more than half the points. Kramers–Kronig cannot see that: with Z, −Z obeys it.
+    pub(super) fn is_reversed(&self) -> bool {
+        2 * self.fitted_ohm.iter().filter(|z| z.re < 0.0).count() > self.points.len()
+    }
+
     /// A single bad point that was left out.
     pub(super) fn is_single(&self, point: usize) -> bool {
         self.outcome == KkOutcome::SinglePoints && self.points[point].left_out
@@ -160,11 +174,13 @@ pub fn kramers_kronig(spectrum: &Spectrum, noise: &Noise) -> Result<KramersKroni
     test.leave_out(|_| false);
     let reference = Reference { fitted_ohm: test.ladder.impedance(order), ladder: test.ladder.clone() };
     if test.leave_out_the_worst() {
-        let found = if test.is_end_left_out() { (KkOutcome::PartOfBand, Some(reference)) } else { (KkOutcome::SinglePoints, None) };
-        return Ok(test.result(order, mu_order, found));
+        if !test.is_end_left_out() {
+            return Ok(test.result(order, mu_order, (KkOutcome::SinglePoints, None)));
+        }
+        return Ok(test.part_of_band(mu_order));
     }
     if test.leave_out_an_end() {
-        return Ok(test.result(order, mu_order, (KkOutcome::PartOfBand, Some(reference))));
+        return Ok(test.part_of_band(mu_order));
     }
     test.leave_out(|_| false);
     Ok(test.result(order, mu_order, (KkOutcome::Disagrees, Some(reference))))
@@ -270,12 +286,35 @@ impl<'a> Test<'a> {
         (1..=most).any(|count| self.leave_out(|k| k < count) || self.leave_out(|k| k >= points - count))
     }
 
+    /// A ladder that cannot bend to a drift at an end of the band, as that of the test can: with opposite elements beyond the band it takes up four fifths of it.
+    fn stiff_reference(&self) -> Reference {
+        let omega: Vec<f64> = self.spectrum.points.iter().map(|p| TAU * p.freq_hz).collect();
+        let tau_range_s = (1.0 / (STIFF_REACH * omega[omega.len() - 1]), STIFF_REACH / omega[0]);
+        let decades = (tau_range_s.1 / tau_range_s.0).log10().max(1.0);
+        let order = ((STIFF_PER_DECADE * decades).ceil() as usize + 1).clamp(3, self.most);
+        let mut ladder = Ladder::new(omega, tau_range_s, order);
+        ladder.load(&self.z_ohm, &self.noise.whitening(), self.restraint_per_ohm);
+        ladder.solve(order);
+        Reference { fitted_ohm: ladder.impedance(order), ladder }
+    }
+
     fn passes_with_other_sign(&mut self) -> bool {
         let turn = |z: &mut Complex64| *z = z.conj();
         self.z_ohm.iter_mut().for_each(turn);
         let passes = self.leave_out(|_| false);
         self.z_ohm.iter_mut().for_each(turn);
         passes
+    }
+
+    /// The points left out are marked, the residuals those of the fit to all.
+    fn part_of_band(mut self, mu_order: Option<usize>) -> KramersKronig {
+        let reference = self.stiff_reference();
+        let end = self.left_out.clone();
+        self.leave_out(|_| false);
+        let order = self.most;
+        let mut result = self.result(order, mu_order, (KkOutcome::PartOfBand, Some(reference)));
+        result.points.iter_mut().zip(end).for_each(|(point, out)| point.left_out = out);
+        result
     }
 
     fn result(mut self, order: usize, mu_order: Option<usize>, found: (KkOutcome, Option<Reference>)) -> KramersKronig {

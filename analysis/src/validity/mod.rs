@@ -36,6 +36,16 @@ pub enum ValidityError {
     /// Numbers that are no spectrum.
     #[error(transparent)]
     Spectrum(#[from] SpectrumError),
+    /// A point that nothing can be measured against.
+    #[error("spectrum {spectrum:?}, point {number} ({freq_hz} Hz): expected an impedance other than 0 Ω, met 0 Ω")]
+    Zero {
+        /// Its name.
+        spectrum: String,
+        /// Number of the point, from 1.
+        number: usize,
+        /// Its frequency, Hz.
+        freq_hz: f64,
+    },
     /// Nothing to judge by.
     #[error("spectrum {spectrum:?}: expected at least {expected} points to judge it by, met {met}")]
     TooFewPoints {

@@ -18,6 +18,9 @@ const SMOOTHER_PER_DECADE: f64 = 3.0;
 const SMOOTHER_REACH: f64 = 2.0;
 /// Share of clean parts of a spectrum in which a point may be left out of the smoother.
 const OUTLIER_RATE: f64 = 0.01;
+/// The noise of a point is also that of so many neighbours on either side, if they leave so many degrees of freedom.
+const NEIGHBOURS: usize = 5;
+const LEAST_NEAR: f64 = 4.0;
 /// No estimate below this share of |Z|: beyond it, the numbers' own rounding and the ladder's are met.
 const LEAST: f64 = 1e-7;
 
@@ -49,20 +52,23 @@ impl Noise {
     /// and at its amplitude; else a smoother's residual.
     ///
     /// # Errors
-    /// [`ValidityError::TooFewPoints`] where a smoother has nothing to smooth.
+    /// [`ValidityError::TooFewPoints`] where a smoother has nothing to smooth, [`ValidityError::Zero`] for an impedance of zero.
     pub fn of(spectrum: &Spectrum, repeats: &[Spectrum]) -> Result<Self, ValidityError> {
+        if let Some((index, point)) = spectrum.points.iter().enumerate().find(|(_, p)| p.z_ohm.norm() == 0.0) {
+            return Err(ValidityError::Zero { spectrum: spectrum.name.clone(), number: index + 1, freq_hz: point.freq_hz });
+        }
         let stated = spectrum.points.iter().all(|p| p.covariance.is_valid() && p.covariance.re_re > 0.0 && p.covariance.im_im > 0.0);
         if stated {
             let covariance = spectrum.points.iter().map(|p| p.covariance).collect();
             return Ok(Self { covariance, dof: None, source: NoiseSource::Stated });
         }
         let alike: Vec<&Spectrum> = repeats.iter().filter(|r| same_grid(r, spectrum) && same_amplitude(r, spectrum)).collect();
-        let (source, (relative, dof)) = if alike.len() >= FEWEST_REPEATS {
+        let (source, (relative, dof)): (_, (Vec<f64>, f64)) = if alike.len() >= FEWEST_REPEATS {
             (NoiseSource::Repeats, from_repeats(&alike))
         } else {
             (NoiseSource::Smoother, from_smoother(spectrum)?)
         };
-        let covariance = spectrum.points.iter().map(|p| Covariance2::circular((relative * p.z_ohm.norm()).powi(2))).collect();
+        let covariance = spectrum.points.iter().zip(&relative).map(|(p, r)| Covariance2::circular((r * p.z_ohm.norm()).powi(2))).collect();
         Ok(Self { covariance, dof: Some(dof), source })
     }
 
@@ -91,8 +97,9 @@ fn same_amplitude(a: &Spectrum, b: &Spectrum) -> bool {
     a.points.iter().zip(&b.points).all(|(a, b)| equal(a.amplitude_a, b.amplitude_a))
 }
 
-/// Scatter relative to |Z| and its degrees of freedom. By the median over the points, so that one bad point counts no more than another.
-fn from_repeats(repeats: &[&Spectrum]) -> (f64, f64) {
+/// Scatter of each point relative to |Z| and its degrees of freedom. By the median over the points, so that one bad point counts no more than another; more
+/// where the points around scatter more.
+fn from_repeats(repeats: &[&Spectrum]) -> (Vec<f64>, f64) {
     let count = repeats.len() as f64;
     let points = repeats[0].points.len();
     let mut variances = Vec::with_capacity(points);
@@ -103,11 +110,19 @@ fn from_repeats(repeats: &[&Spectrum]) -> (f64, f64) {
     }
     let dof = 2.0 * (count - 1.0);
     // The median of χ²/dof after Wilson and Hilferty; a median tells about half as much as a mean.
-    let variance = median(variances) / (1.0 - 2.0 / (9.0 * dof)).powi(3);
-    (variance.sqrt().max(LEAST), 0.5 * dof * points as f64)
+    let of_median = 1.0 / (1.0 - 2.0 / (9.0 * dof)).powi(3);
+    let whole = median(variances.clone());
+    let around = |k: usize| median(variances[neighbours(k, points)].to_vec());
+    ((0..points).map(|k| (whole.max(around(k)) * of_median).sqrt().max(LEAST)).collect(), 0.5 * dof * points as f64)
 }
 
-fn from_smoother(spectrum: &Spectrum) -> Result<(f64, f64), ValidityError> {
+/// The points whose noise is taken for that of one of them.
+fn neighbours(point: usize, points: usize) -> std::ops::Range<usize> {
+    point.saturating_sub(NEIGHBOURS)..(point + NEIGHBOURS + 1).min(points)
+}
+
+/// The residual of the smoother relative to |Z|, over the band or over the points around, whichever is larger, and the degrees of freedom of the first.
+fn from_smoother(spectrum: &Spectrum) -> Result<(Vec<f64>, f64), ValidityError> {
     let points = &spectrum.points;
     let z: Vec<Complex64> = points.iter().map(|p| p.z_ohm).collect();
     let omega: Vec<f64> = points.iter().map(|p| TAU * p.freq_hz).collect();
@@ -118,20 +133,27 @@ fn from_smoother(spectrum: &Spectrum) -> Result<(f64, f64), ValidityError> {
     let mut ladder = Ladder::new(omega, tau_range_s, order);
     let re = Whitening { a: 1.0, b: 0.0, c: 0.0 };
     let im = Whitening { a: 0.0, b: 0.0, c: 1.0 };
-    let (mut sum, mut dof) = (0.0, 0.0);
+    let mut left = vec![(0.0, 0.0); z.len()];
     for part in [re, im] {
-        let (s, d) = smooth_part(&mut ladder, &z, part, order);
-        sum += s;
-        dof += d;
+        for (left, (square, dof)) in left.iter_mut().zip(smooth_part(&mut ladder, &z, part, order)) {
+            *left = (left.0 + square, left.1 + dof);
+        }
     }
+    let total = |of: &[(f64, f64)]| of.iter().fold((0.0, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+    let (sum, dof) = total(&left);
     if dof < 2.0 {
         return Err(ValidityError::TooFewPoints { spectrum: spectrum.name.clone(), expected: 6, met: z.len() });
     }
-    Ok(((sum / dof).sqrt().max(LEAST), dof))
+    let variance = |k: usize| {
+        let (near, near_dof) = total(&left[neighbours(k, z.len())]);
+        // Fewer tell nothing of their own.
+        if near_dof > LEAST_NEAR { (sum / dof).max(near / near_dof) } else { sum / dof }
+    };
+    Ok(((0..z.len()).map(|k| variance(k).sqrt().max(LEAST)).collect(), dof))
 }
 
-/// Sum of squares that the smoother of one part leaves, relative to |Z|, without outliers, and its degrees of freedom.
-fn smooth_part(ladder: &mut Ladder, z: &[Complex64], part: Whitening, order: usize) -> (f64, f64) {
+/// Squares that the smoother of one part leaves, relative to |Z|, and their degrees of freedom; none of outliers.
+fn smooth_part(ladder: &mut Ladder, z: &[Complex64], part: Whitening, order: usize) -> Vec<(f64, f64)> {
     let scaled = |z: &Complex64| Whitening { a: part.a / z.norm(), b: 0.0, c: part.c / z.norm() };
     let mut whiten: Vec<Whitening> = z.iter().map(scaled).collect();
     let mut used = z.len() as f64;
@@ -152,7 +174,12 @@ fn smooth_part(ladder: &mut Ladder, z: &[Complex64], part: Whitening, order: usi
         let p = deviate_tail((square(worst) / others).sqrt(), Some(dof - 1.0));
         let enough_out = z.len() as f64 - used > 0.1 * z.len() as f64;
         if dof < 3.0 || enough_out || p.is_nan() || p > OUTLIER_RATE / used {
-            return (sum, dof.max(0.0));
+            let of = |k: usize| {
+                let (re, im) = ladder.residual(k);
+                let used = whiten[k] != Whitening::NONE;
+                ((re + im).powi(2), if used { (1.0 - leverage[k].0 - leverage[k].2).max(0.0) } else { 0.0 })
+            };
+            return (0..z.len()).map(of).collect();
         }
         whiten[worst] = Whitening::NONE;
         used -= 1.0;

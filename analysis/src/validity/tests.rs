@@ -345,6 +345,77 @@ fn refuses_what_cannot_be_judged() {
     let short = measured(&grid(4, 1.0, 100.0), cell, Bench { sigma: 1e-3, stated: true }, (&mut noise, NONE));
     let message = assess(std::slice::from_ref(&short), &[]).unwrap_err().to_string();
     assert_eq!(message, "spectrum \"made\": expected at least 6 points to judge it by, met 4");
+    let mut zero = measured(&thesis_grid(), any_cell(&mut noise), Bench { sigma: 1e-3, stated: false }, (&mut noise, NONE));
+    zero.points[2].z_ohm = Complex64::ZERO;
+    let message = assess(&[zero], &[]).unwrap_err().to_string();
+    assert!(message.starts_with("spectrum \"made\", point 3 (0.22"), "{message}");
+    assert!(message.ends_with("expected an impedance other than 0 Ω, met 0 Ω"), "{message}");
     let empty = Spectrum { name: "nothing".into(), points: Vec::new() };
     assert!(assess(&[empty], &[]).unwrap_err().to_string().contains("at least one point, met none"));
+}
+
+/// How many of a hundred valid cells on the thesis' grid have a bad point and how many are not good, without stated noise, its size by frequency.
+fn called_without_sigmas(sigma: fn(f64) -> f64) -> (u32, u32) {
+    let mut noise = Noisy::new(31);
+    let (mut bad, mut not_good) = (0, 0);
+    for _ in 0..100 {
+        let cell = any_cell(&mut noise);
+        let mut spectrum = measured(&grid(50, 0.01, 1e4), cell, Bench { sigma: 0.0, stated: false }, (&mut noise, NONE));
+        for p in &mut spectrum.points {
+            let s = sigma(p.freq_hz) * p.z_ohm.norm();
+            p.z_ohm += Complex64::new(s * noise.normal(), s * noise.normal());
+        }
+        let verdict = judge(&spectrum);
+        bad += u32::from(verdict.points.iter().any(|p| p.grade == Grade::Bad));
+        not_good += u32::from(verdict.grade != Grade::Good);
+    }
+    (bad, not_good)
+}
+
+#[test]
+fn small_noise_that_is_not_in_proportion_is_no_fault() {
+    let slow: fn(f64) -> f64 = |f| if f < 0.1 { 1.5e-3 } else { 5e-4 };
+    let fast: fn(f64) -> f64 = |f| if f > 1e3 { 1e-3 } else { 1e-4 };
+    for sigma in [slow, fast] {
+        let (bad, _) = called_without_sigmas(sigma);
+        assert!(bad <= most_by_chance(100, FALSE_ALARM_RATE), "{bad} of 100 bad");
+    }
+}
+
+#[test]
+fn significance_needs_size() {
+    // A zigzag of ±ε in modulus, which no ladder follows: of 0.001 % noise as stated, it is hundreds of σ.
+    let zigzag = |size: f64| {
+        let mut noise = Noisy::new(32);
+        let cell = any_cell(&mut noise);
+        let mut spectrum = measured(&thesis_grid(), cell, Bench { sigma: 1e-5, stated: true }, (&mut noise, NONE));
+        spectrum.points.iter_mut().enumerate().for_each(|(k, p)| p.z_ohm *= 1.0 + if k % 2 == 0 { size } else { -size });
+        judge(&spectrum)
+    };
+    assert_eq!([5e-4, 2e-3, 8e-3].map(|size| zigzag(size).grade), [Grade::Good, Grade::Doubtful, Grade::Bad]);
+    assert!(zigzag(2e-3).text.contains("Kramers–Kronig leaves more than the noise explains"), "{}", zigzag(2e-3).text);
+    assert!(zigzag(2e-3).valid_band_hz.is_some() && zigzag(8e-3).valid_band_hz.is_none());
+}
+
+#[test]
+fn an_end_of_the_band_is_told_by_the_fit_to_all() {
+    let mut noise = Noisy::new(33);
+    let cell = any_cell(&mut noise);
+    let fault: Fault = |k, z| if k < 8 { z * (1.0 + 0.03 * (-1f64).powi(k as i32)) } else { z };
+    let spectrum = measured(&grid(50, 0.01, 1e4), cell, Bench { sigma: 1e-4, stated: true }, (&mut noise, fault));
+    let found = assess(std::slice::from_ref(&spectrum), &[]).unwrap().spectra.remove(0);
+    assert_eq!((found.kramers_kronig.outcome, found.verdict.grade), (KkOutcome::PartOfBand, Grade::Bad));
+    // The fault is of 3 %: so is what is printed, not what an extrapolation makes of it.
+    assert!(found.kramers_kronig.points.iter().all(|p| p.percent() < 6.0), "{:?}", found.kramers_kronig.points);
+    assert!(found.verdict.valid_band_hz.unwrap().0 > spectrum.points[6].freq_hz, "{}", found.verdict.text);
+}
+
+#[test]
+fn reversed_leads_are_named() {
+    let verdicts = caught(2e-3, |_, z| -z);
+    assert_eq!(verdicts.len(), 100);
+    for v in &verdicts {
+        assert!(v.grade == Grade::Bad && v.valid_band_hz.is_none());
+        assert!(v.text.starts_with("not valid: the real part is negative: leads reversed?"), "{}", v.text);
+    }
 }

@@ -3,6 +3,7 @@
 use super::assess::Record;
 use super::kramers_kronig::{KkOutcome, KkPoint, KramersKronig};
 use super::linearity::Linearity;
+use super::noise::NoiseSource;
 use super::stationarity::Stationarity;
 use super::z_hit::ZHit;
 use super::{DOUBTFUL_RATE, FALSE_ALARM_RATE};
@@ -15,6 +16,11 @@ const Z_HIT_SHARE: f64 = 0.3;
 const Z_HIT_ERROR_PERCENT: (f64, f64) = (0.3, 1.0);
 /// An error of Z that its record makes possible, %: doubtful above the first, bad above the second.
 const RECORD_ERROR_PERCENT: (f64, f64) = (0.3, 1.0);
+
+/// However significant, a residual of the Kramers–Kronig test is doubtful only above the first and bad only above the second, % of |Z|: of a stated noise, and of
+/// one that was estimated. An estimate is one number for the whole band and may be wrong by a factor where the noise is not in proportion to |Z|.
+const KK_STATED_PERCENT: (f64, f64) = (0.1, 0.3);
+const KK_ESTIMATED_PERCENT: (f64, f64) = (0.3, 1.0);
 
 /// How far a number may be believed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -82,7 +88,7 @@ impl PointVerdict {
 
 pub(super) fn verdict(findings: &Findings<'_>) -> SpectrumVerdict {
     let points: Vec<PointVerdict> = (0..findings.kk.points.len()).map(|k| point(findings, k)).collect();
-    let valid_band_hz = valid_band(&points, findings.kk.outcome);
+    let valid_band_hz = valid_band(&points, findings.kk);
     let bad: Vec<usize> = (0..points.len()).filter(|k| points[*k].grade == Grade::Bad).collect();
     let doubtful = points.iter().any(|p| p.grade == Grade::Doubtful);
     let whole = valid_band_hz.is_some_and(|(lo, hi)| bad.iter().all(|k| (lo..=hi).contains(&points[*k].freq_hz)));
@@ -130,22 +136,49 @@ fn point(findings: &Findings<'_>, k: usize) -> PointVerdict {
     verdict
 }
 
+/// What a residual of so many % of |Z| amounts to at most.
+fn by_size(kk: &KramersKronig, percent: f64) -> Grade {
+    let (doubtful, bad) = if kk.noise == NoiseSource::Stated { KK_STATED_PERCENT } else { KK_ESTIMATED_PERCENT };
+    if percent > bad {
+        Grade::Bad
+    } else if percent > doubtful {
+        Grade::Doubtful
+    } else {
+        Grade::Good
+    }
+}
+
+/// What the largest residual over the band amounts to at most.
+fn by_worst(kk: &KramersKronig) -> Grade {
+    by_size(kk, kk.worst().map_or(0.0, KkPoint::percent))
+}
+
 fn by_kramers_kronig(kk: &KramersKronig, k: usize, verdict: &mut PointVerdict) {
     let point = &kk.points[k];
-    match kk.outcome {
-        KkOutcome::SignSwapped => {
-            return verdict.add(Grade::Bad, "the imaginary part has the wrong sign (Kramers–Kronig holds with the other)".to_owned());
+    if kk.is_reversed() {
+        verdict.add(Grade::Bad, "the real part is negative: leads reversed?".to_owned());
+    }
+    let whole = match kk.outcome {
+        KkOutcome::SignSwapped => "the imaginary part has the wrong sign (Kramers–Kronig holds with the other)",
+        KkOutcome::Disagrees => "the spectrum disagrees with Kramers–Kronig as a whole",
+        KkOutcome::PartOfBand if point.left_out => "this end of the band disagrees with Kramers–Kronig",
+        // The others agree with each other; their residuals are those of the fit to all.
+        KkOutcome::PartOfBand => return,
+        KkOutcome::Agrees | KkOutcome::SinglePoints => "",
+    };
+    if !whole.is_empty() {
+        match by_worst(kk) {
+            Grade::Good => {}
+            grade => verdict.add(if kk.outcome == KkOutcome::SignSwapped { Grade::Bad } else { grade }, whole.to_owned()),
         }
-        KkOutcome::Disagrees => return verdict.add(Grade::Bad, "the spectrum disagrees with Kramers–Kronig as a whole".to_owned()),
-        KkOutcome::PartOfBand if point.left_out => {
-            return verdict.add(Grade::Bad, "this end of the band disagrees with Kramers–Kronig".to_owned());
-        }
-        KkOutcome::Agrees | KkOutcome::SinglePoints | KkOutcome::PartOfBand => {}
+        return;
     }
     let limit = |rate| KramersKronig::point_limit(kk.points.len(), rate);
     if point.p < limit(DOUBTFUL_RATE) || point.left_out {
-        let grade = if point.p < limit(FALSE_ALARM_RATE) { Grade::Bad } else { Grade::Doubtful };
-        verdict.add(grade, format!("disagrees with Kramers–Kronig by {:.2} % ({:.1} σ)", point.percent(), point.sigmas));
+        let grade = if point.p < limit(FALSE_ALARM_RATE) { Grade::Bad } else { Grade::Doubtful }.min(by_size(kk, point.percent()));
+        if grade != Grade::Good {
+            verdict.add(grade, format!("disagrees with Kramers–Kronig by {:.2} % ({:.1} σ)", point.percent(), point.sigmas));
+        }
     }
 }
 
@@ -161,9 +194,19 @@ fn by_record(record: &Record, verdict: &mut PointVerdict) {
     }
 }
 
+/// No point is worth anything, for a reason that is common to all.
+fn is_nothing_valid(kk: &KramersKronig) -> bool {
+    let whole = match kk.outcome {
+        KkOutcome::SignSwapped => by_worst(kk) != Grade::Good,
+        KkOutcome::Disagrees => by_worst(kk) == Grade::Bad,
+        _ => false,
+    };
+    whole || kk.is_reversed()
+}
+
 /// The band that is left when runs of bad points at the ends are cut off; none if fewer than half the points of it are good.
-fn valid_band(points: &[PointVerdict], outcome: KkOutcome) -> Option<(f64, f64)> {
-    if matches!(outcome, KkOutcome::SignSwapped | KkOutcome::Disagrees) {
+fn valid_band(points: &[PointVerdict], kk: &KramersKronig) -> Option<(f64, f64)> {
+    if is_nothing_valid(kk) {
         return None;
     }
     let usable = |p: &PointVerdict| p.grade != Grade::Bad;
@@ -172,22 +215,36 @@ fn valid_band(points: &[PointVerdict], outcome: KkOutcome) -> Option<(f64, f64)>
     (2 * bad < last - first).then(|| (points[first].freq_hz, points[last].freq_hz))
 }
 
+/// Why no point is worth anything.
+fn nothing_valid(kk: &KramersKronig) -> String {
+    if kk.is_reversed() {
+        return "not valid: the real part is negative: leads reversed? (Kramers–Kronig cannot see it)".to_owned();
+    }
+    if kk.outcome == KkOutcome::SignSwapped {
+        return "not valid: the imaginary part has the wrong sign; with the other sign it agrees with Kramers–Kronig".to_owned();
+    }
+    let named = |w: &KkPoint| format!(", worst at {} Hz with {:.2} % ({:.0} σ)", short(w.freq_hz), w.percent(), w.sigmas);
+    let worst = kk.worst().map_or_else(String::new, named);
+    let chi2 = kk.chi2 / kk.dof;
+    format!("not valid: it disagrees with Kramers–Kronig over more than single points or one end (reduced χ² {chi2:.1}{worst})")
+}
+
 fn text(findings: &Findings<'_>, points: &[PointVerdict], band: Option<(f64, f64)>) -> String {
-    let mut text = match (band, findings.kk.outcome) {
+    let kk = findings.kk;
+    let slight = kk.outcome == KkOutcome::Disagrees && by_worst(kk) == Grade::Doubtful;
+    let mut text = match (band, kk.worst()) {
+        _ if is_nothing_valid(kk) => nothing_valid(kk),
+        (Some((lo, hi)), Some(worst)) if slight => format!(
+            "valid from {} Hz to {} Hz within {:.2} %: Kramers–Kronig leaves more than the noise explains, but no more than that (at {} Hz)",
+            short(lo),
+            short(hi),
+            worst.percent(),
+            short(worst.freq_hz)
+        ),
         (Some((lo, hi)), _) => format!("valid from {} Hz to {} Hz", short(lo), short(hi)),
-        (None, KkOutcome::SignSwapped) => {
-            "not valid: the imaginary part has the wrong sign; with the other sign it agrees with Kramers–Kronig".to_owned()
-        }
-        (None, KkOutcome::Disagrees) => {
-            let worst = findings.kk.points.iter().max_by(|a, b| a.sigmas.total_cmp(&b.sigmas));
-            let named = |w: &KkPoint| format!(", worst at {} Hz with {:.2} % ({:.0} σ)", short(w.freq_hz), w.percent(), w.sigmas);
-            let worst = worst.map_or_else(String::new, named);
-            let chi2 = findings.kk.chi2 / findings.kk.dof;
-            format!("not valid: it disagrees with Kramers–Kronig over more than single points or one end (reduced χ² {chi2:.1}{worst})")
-        }
         (None, _) => "not valid: too many points are bad".to_owned(),
     };
-    let whole = band.is_none() && matches!(findings.kk.outcome, KkOutcome::SignSwapped | KkOutcome::Disagrees);
+    let whole = slight || is_nothing_valid(kk);
     let differ = points.iter().filter(|p| p.repeats_differ).count();
     // Of a point that is suspect by its repeats alone, the number is enough.
     let own = |p: &PointVerdict| p.grade != Grade::Good && p.reasons.len() > usize::from(p.repeats_differ);

@@ -48,12 +48,13 @@ const START_BRANCHES: usize = 4;
 /// So many spectra of a cell are shown with the table of their points.
 const SHOWN_WHOLE: usize = 2;
 
-/// What a run's report says of its spectrum and the records that it was made from: a line of the verdict, and pictures.
+/// What a run's report says of its spectrum and the records that it was made from: a line of the verdict, and pictures. It is shown with its whole
+/// uncertainty and tested against that of its own records.
 ///
 /// # Errors
 /// A picture that cannot be drawn.
-pub(super) fn in_report(spectrum: &Spectrum, records: &[Record]) -> Result<(Verdict, Vec<Figure>), Failure> {
-    let assessment = match assess(std::slice::from_ref(spectrum), records) {
+pub(super) fn in_report(shown: &Spectrum, tested: &Spectrum, records: &[Record]) -> Result<(Verdict, Vec<Figure>), Failure> {
+    let assessment = match assess(std::slice::from_ref(tested), records) {
         Ok(assessment) => assessment,
         Err(error) => return Ok((Verdict { level: Level::Note, text: format!("The spectrum was not tested: {error}.") }, Vec::new())),
     };
@@ -73,7 +74,7 @@ pub(super) fn in_report(spectrum: &Spectrum, records: &[Record]) -> Result<(Verd
                 .to_owned(),
         },
         Figure {
-            svg: svg(plots::z_hit(assessed, spectrum))?,
+            svg: svg(plots::z_hit(assessed, shown))?,
             caption: "The modulus as measured and as the phase asks for; they part where the cell changed during the sweep.".to_owned(),
         },
     ];
@@ -113,8 +114,12 @@ struct Distribution {
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn kk(args: &KkArgs) -> Result<(), Failure> {
     let records = args.records.as_deref().map_or(Ok(Vec::new()), records::read)?;
-    let groups: Vec<Group> =
-        read(args)?.into_iter().map(|(cell, spectra)| group(cell, spectra, &records, args.drt)).collect::<Result<_, _>>()?;
+    let cells = read(args)?;
+    if let Some(path) = &args.records {
+        records::belong(path, &records, &cells.iter().flat_map(|(_, spectra)| spectra).collect::<Vec<_>>())?;
+    }
+    let records: Vec<Record> = records.into_iter().map(|(_, record)| record).collect();
+    let groups: Vec<Group> = cells.into_iter().map(|(cell, spectra)| group(cell, spectra, &records, args.drt)).collect::<Result<_, _>>()?;
     if let Some(folder) = &args.out {
         write(folder, &groups)?;
     }
@@ -184,8 +189,12 @@ fn write(folder: &Path, groups: &[Group]) -> Result<(), Failure> {
 fn print(group: &Group) {
     let assessment = &group.assessment;
     say!("{}:", group.cell);
-    for assessed in &assessment.spectra {
+    for (assessed, measured) in assessment.spectra.iter().zip(&group.measured) {
         print_spectrum(assessed, assessment.spectra.len() <= SHOWN_WHOLE);
+        let zero = measured.points.iter().find(|p| p.covariance.is_valid() && (p.covariance.re_re == 0.0 || p.covariance.im_im == 0.0));
+        if let Some(point) = zero {
+            say!("    the stated uncertainty was ignored: it is zero at {} Hz", significant(point.freq_hz, 4));
+        }
     }
     assessment.linearity.iter().for_each(print_linearity);
     assessment.stationarity.iter().for_each(print_stationarity);
@@ -274,5 +283,9 @@ fn print_drt(distribution: &Distribution) {
         );
     }
     let branches = start.iter().map(|rc| format!("{:.3} mΩ ∥ {} F", 1.0e3 * rc.r_ohm, significant(rc.c_f, 3)));
-    say!("    start values: {}", branches.collect::<Vec<_>>().join(", "));
+    let branches = branches.collect::<Vec<_>>();
+    say!(
+        "    start values: {}",
+        if branches.is_empty() { "none, no resistance stands out of the noise".to_owned() } else { branches.join(", ") }
+    );
 }

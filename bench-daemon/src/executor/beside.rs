@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn harmonics_and_a_bend_are_what_was_put_in() {
-        let (n, interval_s, freq_hz) = (2000, 1.0e-3, 2.5);
+        let (n, interval_s, freq_hz) = (2000, 2.0e-3, 1.25);
         // Five periods; the voltage has 3 % of third harmonic, and its offset rises by 20 mV and back to the ends of the record.
         let samples = |amplitude_v: f64, third: f64, bend_v: f64| -> Vec<f64> {
             let at = |k: i32| {

@@ -125,5 +125,9 @@ fn what_cannot_be_judged_is_refused() {
         refusal(&file, &["--records", records.to_str().unwrap()])
     };
     assert!(table("f,h3\n").contains("records.csv: expected a header with freq_hz, found \"f,h3\""));
+    assert!(table("freq_hz,h3\n0.1,0.005\n").contains("records.csv, column h3: expected a column sigma_h3 with it"));
+    assert!(table("freq_hz,thd\n0.1,0.005\n").contains("records.csv, column thd: expected freq_hz, periods"));
+    let message = table("freq_hz,h3,sigma_h3\n0.1,0.005,0.0001\n0.11,0.005,0.0001\n");
+    assert!(message.contains("records.csv, line 3, freq_hz: expected a frequency of the spectra to 0.1 %, found 0.11 Hz"), "{message}");
     assert!(table("freq_hz,h3,sigma_h3\n1,a,1\n").contains("records.csv, line 2, h3: expected a number, found \"a\""));
 }

@@ -2,7 +2,10 @@
 
 use std::path::Path;
 
-use analysis::validity::{Drift, DriftShape, Harmonic, Record};
+use analysis::{
+    spectrum::Spectrum,
+    validity::{Drift, DriftShape, Harmonic, Record},
+};
 
 use crate::command::Failure;
 
@@ -26,18 +29,56 @@ struct Row<'a> {
     fields: Vec<&'a str>,
 }
 
-/// Reads `freq_hz` and any of `periods,drift_over_amplitude`, `hN,sigma_hN`.
+/// Reads `freq_hz` and any of `periods,drift_over_amplitude`, `hN,sigma_hN`; with each record the number of its line.
 ///
 /// # Errors
-/// A file that cannot be read, a column that is missing, a field that is no number.
-pub(super) fn read(path: &Path) -> Result<Vec<Record>, Failure> {
+/// A file that cannot be read, a column that is not known or lacks its partner, a column that is missing, a field that is no number.
+pub(super) fn read(path: &Path) -> Result<Vec<(usize, Record)>, Failure> {
     let text = std::fs::read_to_string(path).map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))?;
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'));
     let header: Vec<&str> = lines.next().map(|(_, line)| split(line)).unwrap_or_default();
     let columns = Columns::of(&header)
         .ok_or_else(|| Failure::Usage(format!("{}: expected a header with freq_hz, found \"{}\"", path.display(), header.join(","))))?;
+    check(path, &header)?;
     let row = |(index, line)| Row { path, number: index + 1, header: &header, fields: split(line) };
-    lines.map(|line| row(line).record(&columns)).collect()
+    lines.map(|line| row(line)).map(|row| Ok((row.number, row.record(&columns)?))).collect()
+}
+
+/// No column is passed over in silence.
+fn check(path: &Path, header: &[&str]) -> Result<(), Failure> {
+    let order = |name: &str| name.parse::<u32>().ok().filter(|order| (2..=MOST).contains(order));
+    for name in header.iter().filter(|name| **name != "freq_hz") {
+        let partner = match *name {
+            "periods" => Some("drift_over_amplitude".to_owned()),
+            "drift_over_amplitude" => Some("periods".to_owned()),
+            _ => match (name.strip_prefix("sigma_h").and_then(order), name.strip_prefix('h').and_then(order)) {
+                (Some(order), _) => Some(format!("h{order}")),
+                (None, Some(order)) => Some(format!("sigma_h{order}")),
+                (None, None) => None,
+            },
+        };
+        let expected = match partner {
+            None => format!("freq_hz, periods, drift_over_amplitude, or hN and sigma_hN with N from 2 to {MOST}"),
+            Some(partner) if !header.contains(&partner.as_str()) => format!("a column {partner} with it"),
+            Some(_) => continue,
+        };
+        return Err(Failure::Usage(format!("{}, column {name}: expected {expected}", path.display())));
+    }
+    Ok(())
+}
+
+/// Every record belongs to a point of a spectrum.
+///
+/// # Errors
+/// A record at a frequency that no spectrum has.
+pub(super) fn belong(path: &Path, records: &[(usize, Record)], spectra: &[&Spectrum]) -> Result<(), Failure> {
+    let known = |record: &Record| spectra.iter().flat_map(|s| &s.points).any(|p| (record.freq_hz / p.freq_hz - 1.0).abs() < 1e-3);
+    let Some((line, record)) = records.iter().find(|(_, record)| !known(record)) else { return Ok(()) };
+    Err(Failure::Usage(format!(
+        "{}, line {line}, freq_hz: expected a frequency of the spectra to 0.1 %, found {} Hz",
+        path.display(),
+        record.freq_hz
+    )))
 }
 
 fn split(line: &str) -> Vec<&str> {

@@ -57,7 +57,8 @@ pub(super) fn write(
     figures.push(Figure { svg: plot::chart_svg(&chart).map_err(drawn)?, caption });
     let cell = measured.sweeps.get(fixture_name(Fixture::Cell)).map_or(&[][..], Vec::as_slice);
     let records = records::records(cell, experiment.bench.wiring.shunt.r_ohm);
-    let (validity, pictures) = kk::in_report(&measured.spectrum, &records)?;
+    let tested = records::with_own_noise(&measured.spectrum, budget);
+    let (validity, pictures) = kk::in_report(&measured.spectrum, &tested, &records)?;
     figures.extend(pictures);
     let mut verdicts = verdicts(recorder, measured, fits);
     verdicts.insert(0, validity);
