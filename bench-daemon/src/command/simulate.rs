@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use analysis::{
     fit::ModelFile,
     forward::{
-        Beyond, CellWindow, Demand, Infeasible, Interpolation, Method, OcvSource, Profile, ReadOptions, ScaleBound, SimModel, SimOptions,
-        SimState, Summary, write_trace_parquet,
+        Beyond, CellWindow, Demand, ForwardError, Infeasible, Interpolation, Method, OcvSource, Profile, ReadOptions, ScaleBound, SimModel,
+        SimOptions, SimState, Summary, write_trace_parquet,
     },
     pack::Pack,
 };
@@ -56,13 +56,14 @@ pub struct SimulateArgs {
     /// The profile counts charge as positive.
     #[arg(long)]
     pub charge_positive: bool,
-    /// `exact`: exponential steps with error control; `thesis`: its three steps, explicit Euler from row to row.
+    /// `exact`: exponential steps with error control; `thesis`: its three steps, explicit Euler, by a quarter of the
+    /// shortest time constant or by --step-s.
     #[arg(long, value_enum, default_value_t = Steps::Exact)]
     pub method: Steps,
     /// What is done about power that cannot be had: `stop`, or `extrapolate` along the tangent from 95 % of it (thesis 4.2.1).
     #[arg(long, value_enum, default_value_t = Policy::Stop)]
     pub beyond: Policy,
-    /// Longest distance of two rows of the trace, s [default: a 2000th of the profile]
+    /// Longest distance of two rows of the trace, and step of `thesis`, s [default: a 2000th of the profile]
     #[arg(long, value_name = "S")]
     pub step_s: Option<f64>,
     /// Lowest voltage of a cell, V.
@@ -168,7 +169,10 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
     for path in &args.profiles {
         let profile = Profile::read(path, &read_options(args)).map_err(usage)?;
         let options = options(args, &profile, window);
-        let case = Case::run((&file, &model, &state), profile, options).map_err(usage)?;
+        let case = Case::run((&file, &model, &state), profile, options).map_err(|error| match error {
+            ForwardError::Unstable { .. } => Failure::Usage(format!("--step-s: {error}")),
+            other => usage(other),
+        })?;
         let trace = trace_path(args, &case.profile.name, &outputs);
         write_trace_parquet(&trace, &case.full.trace, window).map_err(|error| Failure::Analysis(error.to_string()))?;
         outputs.push(case.output(&file, &model, trace));
@@ -238,11 +242,12 @@ fn options(args: &SimulateArgs, profile: &Profile, window: CellWindow) -> SimOpt
         Policy::Stop => Beyond::Stop,
         Policy::Extrapolate => Beyond::Extrapolate { fraction: Beyond::FRACTION },
     };
-    let (method, step_s) = match args.method {
-        Steps::Exact => (Method::Exact, profile.duration_s() / 2000.0),
-        Steps::Thesis => (Method::Thesis, f64::INFINITY),
+    let method = match args.method {
+        Steps::Exact => Method::Exact,
+        Steps::Thesis => Method::Thesis,
     };
-    SimOptions { method, beyond, window, max_step_s: args.step_s.unwrap_or(step_s), ..SimOptions::default() }
+    let max_step_s = args.step_s.unwrap_or_else(|| profile.duration_s() / 2000.0);
+    SimOptions { method, beyond, window, max_step_s, thesis_step_s: args.step_s, ..SimOptions::default() }
 }
 
 /// Two profiles of one name from different folders must not share a trace.
