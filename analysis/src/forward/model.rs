@@ -85,6 +85,19 @@ pub enum ForwardError {
         /// OCV less the branch voltages, V.
         e_v: f64,
     },
+    /// A step with which explicit Euler diverges.
+    #[error(
+        "explicit Euler: expected steps below {:.4} ms, twice the shortest time constant of {:.4} ms, met {:.4} ms; {:.4} ms is usable",
+        2e3 * tau_s, 1e3 * tau_s, 1e3 * step_s, 1e3 * usable_s
+    )]
+    Unstable {
+        /// Longest step met, s.
+        step_s: f64,
+        /// Shortest time constant, s.
+        tau_s: f64,
+        /// A step that is usable, s: a quarter of it.
+        usable_s: f64,
+    },
     /// A demand that a method cannot answer.
     #[error("{demand:?} demand: expected {expected}")]
     Demand {

@@ -31,6 +31,8 @@ pub struct Profile {
     pub time_s: Vec<f64>,
     /// Demand at these times, W, A (discharge positive) or Ω.
     pub value: Vec<f64>,
+    /// True where its file counted charge as positive and the sign was changed.
+    pub negated: bool,
 }
 
 /// Part of a profile between two times.
@@ -113,7 +115,7 @@ impl Profile {
             }
         }
         let (time_s, value) = rows.iter().copied().unzip();
-        Ok(Self { name: name.to_owned(), demand, interpolation, time_s, value })
+        Ok(Self { name: name.to_owned(), demand, interpolation, time_s, value, negated: false })
     }
 
     /// A constant demand for a duration, s.
@@ -136,6 +138,15 @@ impl Profile {
             (Some(first), Some(last)) => last - first,
             _ => 0.0,
         }
+    }
+
+    /// The largest demand that is ever made: the highest value, or for a profile that only charges the most negative one. The last row of
+    /// [`Interpolation::Hold`] does not count, for it only ends the profile. None where nothing is asked for.
+    pub fn peak(&self) -> Option<f64> {
+        let count = self.value.len().saturating_sub(usize::from(self.interpolation == Interpolation::Hold));
+        let applied = self.value.iter().take(count).copied();
+        let (low, high) = applied.fold((0.0_f64, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
+        Some(if high > 0.0 { high } else { low }).filter(|peak| *peak != 0.0)
     }
 
     /// The pieces between the rows, none longer than `max_step_s`.

@@ -1,7 +1,8 @@
 //! A profile run through a model, with an error bound, a trace and a summary.
 //!
 //! [`Method::Exact`] takes each piece of the profile in as many sub-steps as the tolerance wants: one step against two of half the length (Richardson),
-//! the better of which, improved by their difference, goes on. [`Method::Thesis`] is explicit Euler in the steps of the profile.
+//! the better of which, improved by their difference, goes on. [`Method::Thesis`] is explicit Euler, which is stable below twice the shortest time
+//! constant only: unless told otherwise it takes a quarter of that.
 
 use super::law::{Beyond, Demand, Drive};
 use super::limits::CellWindow;
@@ -17,8 +18,12 @@ const DEEPEST: usize = 30;
 const CURRENT_ACCURACY: f64 = 1e-5;
 /// How far the voltage in the middle of a sub-step may be off the straight line between its ends, V per cell in series.
 const BEND_V: f64 = 4e-6;
+/// Explicit Euler's step unless told otherwise, as a part of the shortest time constant.
+const EULER_PART: f64 = 0.25;
 /// Pieces of a profile at most: beyond it a trace would fill the memory.
 const MOST_PIECES: f64 = 1e8;
+/// Steps of explicit Euler at most, which leave nothing behind but time.
+const MOST_STEPS: f64 = 1e10;
 
 /// How a step is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -26,7 +31,7 @@ const MOST_PIECES: f64 = 1e8;
 pub enum Method {
     /// Exponential steps of second order with error control.
     Exact,
-    /// The thesis' three steps: explicit Euler, one per piece.
+    /// The thesis' three steps: explicit Euler.
     Thesis,
 }
 
@@ -39,15 +44,24 @@ pub struct SimOptions {
     pub beyond: Beyond,
     /// Error of a sub-step at most, V per cell in series.
     pub tolerance_v: f64,
-    /// Longest distance of two rows of the trace (and longest step of [`Method::Thesis`]), s; infinite for the rows of the profile.
+    /// Longest distance of two rows of the trace, s; infinite for the rows of the profile.
     pub max_step_s: f64,
+    /// Longest step of [`Method::Thesis`], s; none for a quarter of the shortest time constant.
+    pub thesis_step_s: Option<f64>,
     /// Limits of a cell.
     pub window: CellWindow,
 }
 
 impl Default for SimOptions {
     fn default() -> Self {
-        Self { method: Method::Exact, beyond: Beyond::Stop, tolerance_v: 1e-8, max_step_s: f64::INFINITY, window: CellWindow::THESIS }
+        Self {
+            method: Method::Exact,
+            beyond: Beyond::Stop,
+            tolerance_v: 1e-8,
+            max_step_s: f64::INFINITY,
+            thesis_step_s: None,
+            window: CellWindow::THESIS,
+        }
     }
 }
 
@@ -65,6 +79,26 @@ impl SimOptions {
         }
         Ok(())
     }
+
+    /// Longest step of explicit Euler, s, if it is stable.
+    fn euler_step_s(&self, model: &SimModel, profile: &Profile) -> Result<f64, ForwardError> {
+        let tau_s = model.erm.branches.iter().map(|b| b.time_constant_s()).fold(f64::INFINITY, f64::min);
+        let step_s = self.thesis_step_s.unwrap_or(EULER_PART * tau_s);
+        if step_s.is_nan() || step_s <= 0.0 || profile.duration_s() / step_s > MOST_STEPS {
+            let expected = "a number of seconds above 0 that makes fewer than 1e10 steps";
+            return Err(ForwardError::Value { what: "step of explicit Euler", expected, met: step_s });
+        }
+        let longest_s = profile.pieces(self.max_step_s).map(|p| p.step_s / parts(p.step_s, step_s) as f64).fold(0.0, f64::max);
+        if longest_s >= 2.0 * tau_s {
+            return Err(ForwardError::Unstable { step_s: longest_s, tau_s, usable_s: EULER_PART * tau_s });
+        }
+        Ok(step_s)
+    }
+}
+
+/// How many steps a piece takes.
+fn parts(piece_s: f64, step_s: f64) -> u64 {
+    (piece_s / step_s * (1.0 - 1e-9)).ceil().max(1.0) as u64
 }
 
 /// All that a simulation delivers.
@@ -86,6 +120,10 @@ pub struct Simulation {
 pub fn simulate(model: &SimModel, state: &SimState, profile: &Profile, options: &SimOptions) -> Result<Simulation, ForwardError> {
     model.check(state)?;
     options.check(profile)?;
+    let euler_step_s = match options.method {
+        Method::Exact => f64::INFINITY,
+        Method::Thesis => options.euler_step_s(model, profile)?,
+    };
     let drive = Drive { demand: profile.demand, beyond: options.beyond, r_ohm: model.erm.r_ohm };
     let mut run = Run {
         mover: Mover::new(model, drive),
@@ -104,7 +142,7 @@ pub fn simulate(model: &SimModel, state: &SimState, profile: &Profile, options: 
         last_demand = Some(piece.to);
         let arrived = run.ended(|run| match options.method {
             Method::Exact => run.piece(&piece, start),
-            Method::Thesis => run.euler(&piece, start),
+            Method::Thesis => run.euler(&piece, start, euler_step_s),
         })?;
         let Some(end) = arrived else { break };
         run.book.row(&end, &run.state);
@@ -184,14 +222,21 @@ impl Run<'_> {
     }
 
     /// One piece by explicit Euler; none when the run stops in it.
-    fn euler(&mut self, piece: &Piece, start: Point) -> Result<Option<Point>, ForwardError> {
-        if self.stops(start.infeasible) {
-            return Ok(None);
+    fn euler(&mut self, piece: &Piece, start: Point, longest_s: f64) -> Result<Option<Point>, ForwardError> {
+        let count = parts(piece.step_s, longest_s);
+        let step_s = piece.step_s / count as f64;
+        let mut before = start;
+        for done in 1..=count {
+            if self.stops(before.infeasible) {
+                return Ok(None);
+            }
+            let at = |done: u64| piece.from + (piece.to - piece.from) * (done as f64 / count as f64);
+            let from = self.state.clone();
+            self.mover.euler(step_s, (&from, &mut self.state), at(done - 1));
+            self.book.held(&before, step_s, (&from, &self.state));
+            before = self.look(piece.from_s + step_s * done as f64, at(done))?;
         }
-        let from = self.state.clone();
-        self.mover.euler(piece.step_s, (&from, &mut self.state), piece.from);
-        self.book.held(&start, piece.step_s, (&from, &self.state));
-        self.look(piece.from_s + piece.step_s, piece.to).map(|end| (!self.stops(end.infeasible)).then_some(end))
+        Ok((!self.stops(before.infeasible)).then_some(before))
     }
 
     /// One piece with error control; none when the run stops in it.

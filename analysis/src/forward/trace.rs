@@ -67,12 +67,18 @@ pub struct Summary {
     pub chemical_j: f64,
     /// More in the capacitances at the end than at the start, J.
     pub stored_j: f64,
-    /// Highest power delivered, W.
+    /// Highest power delivered, W; negative or zero for a run that only charges.
     pub peak_power_w: f64,
+    /// Lowest power delivered, W: negative when the cell is charged.
+    pub lowest_power_w: f64,
     /// Highest discharge current, A.
     pub peak_current_a: f64,
     /// Lowest current, A: negative when the cell is charged.
     pub lowest_current_a: f64,
+    /// Lowest state of charge of the trace, below 0 where more was taken than there is; none for a constant OCV.
+    pub soc_min: Option<f64>,
+    /// Highest state of charge of the trace, above 1 where more was put in than there is room; none for a constant OCV.
+    pub soc_max: Option<f64>,
     /// True when all power asked for could be had. The window is judged by the margins.
     pub feasible: bool,
     /// Where it could not.
@@ -122,8 +128,11 @@ impl<'m> Book<'m> {
             chemical_j: 0.0,
             stored_j: 0.0,
             peak_power_w: none,
+            lowest_power_w: inf,
             peak_current_a: none,
             lowest_current_a: inf,
+            soc_min: None,
+            soc_max: None,
             feasible: true,
             infeasible: Vec::new(),
             simulated_s: 0.0,
@@ -143,6 +152,7 @@ impl<'m> Book<'m> {
             (s.max_ccv_v, s.max_ccv_time_s) = (p.ccv_v, p.time_s);
         }
         s.peak_power_w = s.peak_power_w.max(p.ccv_v * p.current_a);
+        s.lowest_power_w = s.lowest_power_w.min(p.ccv_v * p.current_a);
         s.peak_current_a = s.peak_current_a.max(p.current_a);
         s.lowest_current_a = s.lowest_current_a.min(p.current_a);
         let cell_v = self.model.cell_v(p.ccv_v, p.current_a);
@@ -219,6 +229,8 @@ impl<'m> Book<'m> {
         self.summary.stored_j = stored(end) - self.first.as_ref().map_or(0.0, stored);
         self.summary.margin_low_v = self.window.margin_low_v(self.cell_v.0);
         self.summary.margin_high_v = self.window.margin_high_v(self.cell_v.1);
+        let soc = |better: fn(f64, f64) -> f64| self.trace.soc.iter().copied().filter(|z| z.is_finite()).reduce(better);
+        (self.summary.soc_min, self.summary.soc_max) = (soc(f64::min), soc(f64::max));
         self.summary.simulated_s = self.trace.time_s.last().map_or(0.0, |t| t - start_s);
         (self.summary, self.trace)
     }

@@ -17,6 +17,10 @@ use serde::Serialize;
 
 /// Steps of one draw at most.
 const MOST_STEPS: f64 = 2e6;
+/// Cells of a pack, draws, and cells of all draws at most: beyond it a run fills the memory or never ends.
+const MOST_CELLS: f64 = 1e5;
+const MOST_DRAWS: f64 = 1e5;
+const MOST_DRAWN: f64 = 1e8;
 /// Stretches of the profile of which the bands keep the instants of lowest and highest voltage.
 const STRETCHES: usize = 250;
 
@@ -150,8 +154,14 @@ impl Scatter {
 pub fn scatter(setup: &ScatterSetup<'_>, spread: &Spread, draws: Draws) -> Result<Scatter, PackError> {
     check(setup)?;
     spread.check()?;
-    if draws.draws == 0 {
-        return Err(PackError::Value { what: "number of draws", expected: "at least 1", met: 0.0 });
+    let (cells, count) = (f64::from(setup.pack.series) * f64::from(setup.pack.parallel), draws.draws as f64);
+    let bounds = [
+        ("cells of the pack, S·P", "at most 1e5", cells, cells <= MOST_CELLS),
+        ("number of draws", "from 1 to 1e5", count, (1.0..=MOST_DRAWS).contains(&count)),
+        ("cells of all draws, S·P times draws", "at most 1e8", cells * count, cells * count <= MOST_DRAWN),
+    ];
+    if let Some((what, expected, met, _)) = bounds.into_iter().find(|(.., fits)| !fits) {
+        return Err(PackError::Value { what, expected, met });
     }
     let pieces = pieces(setup.profile, setup.max_step_s);
     let mut rng = Rng::new(draws.seed);

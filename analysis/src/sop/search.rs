@@ -146,7 +146,8 @@ impl Search<'_> {
             }
             last = Some(inside);
         }
-        Ok(Limit { power_w: sign * kept.0, cell_a: kept.1.cell_a, limited_by: by })
+        // Zero is added for −0.
+        Ok(Limit { power_w: sign * kept.0 + 0.0, cell_a: kept.1.cell_a, limited_by: by })
     }
 
     /// A power that is not kept.
@@ -211,5 +212,6 @@ fn held(power_w: f64, duration_s: f64) -> Profile {
         interpolation: Interpolation::Hold,
         time_s: (0..=ROWS).map(time).collect(),
         value: vec![power_w; ROWS + 1],
+        negated: false,
     }
 }

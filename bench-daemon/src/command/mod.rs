@@ -12,6 +12,7 @@ pub mod pack;
 pub mod pack_simulate;
 pub mod pack_size;
 pub mod plan;
+pub mod profile_args;
 pub mod run;
 pub mod simulate;
 pub mod sop;

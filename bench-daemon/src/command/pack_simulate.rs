@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use analysis::{
     dataset::{self, ColumnSpec},
     fit::ModelFile,
-    forward::{CellWindow, Interpolation, OcvSource, Profile, ReadOptions},
+    forward::{CellWindow, OcvSource, Profile},
     pack::{Draws, Outcome, Pack, Percentiles, Scatter, ScatterSetup, Spread, scatter},
 };
 use clap::Args;
@@ -17,6 +17,7 @@ use super::{
     Failure,
     pack::{folder, read_model},
     pack_size::ThermalArgs,
+    profile_args::{ProfileArgs, taken},
 };
 use crate::terminal::say;
 
@@ -40,9 +41,12 @@ pub struct PackSimulateArgs {
     /// The mean cell: a model as `fit --out` writes it.
     #[arg(long, value_name = "FILE")]
     pub model: PathBuf,
-    /// Two columns, time [s] and power [W] or current [A], with or without header. Each row holds until the next.
+    /// Two columns, time [s] and power [W] or current [A], with or without header.
     #[arg(long, value_name = "FILE")]
     pub profile: PathBuf,
+    /// How the file is read.
+    #[command(flatten)]
+    pub read: ProfileArgs,
     /// Cells in series.
     #[arg(long, value_name = "S")]
     pub series: u32,
@@ -50,16 +54,16 @@ pub struct PackSimulateArgs {
     #[arg(long, value_name = "P")]
     pub parallel: u32,
     /// Resistance in series with the whole pack, Ω.
-    #[arg(long, value_name = "OHM", default_value_t = 0.0)]
+    #[arg(long, value_name = "OHM", default_value_t = 0.0, allow_negative_numbers = true)]
     pub interconnect_ohm: f64,
     /// Resistance between each cell and the busbar of its group, Ω.
-    #[arg(long, value_name = "OHM", default_value_t = 0.0)]
+    #[arg(long, value_name = "OHM", default_value_t = 0.0, allow_negative_numbers = true)]
     pub tab_ohm: f64,
     /// State of charge at the start, 0 to 1; needs a model with an OCV curve.
-    #[arg(long, value_name = "X", conflicts_with = "ocv_v", required_unless_present = "ocv_v")]
+    #[arg(long, value_name = "X", conflicts_with = "ocv_v", required_unless_present = "ocv_v", allow_negative_numbers = true)]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; stays so where the model has no OCV curve.
-    #[arg(long, value_name = "V")]
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub ocv_v: Option<f64>,
     /// Packs to draw.
     #[arg(long, value_name = "N", default_value_t = 1000)]
@@ -68,28 +72,28 @@ pub struct PackSimulateArgs {
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
     /// Spread of a cell's resistances all together, one relative standard deviation.
-    #[arg(long, value_name = "X", default_value_t = 0.008)]
+    #[arg(long, value_name = "X", default_value_t = 0.008, allow_negative_numbers = true)]
     pub sigma_r: f64,
     /// Spread of each branch resistance by itself, on top, relative.
-    #[arg(long, value_name = "X", default_value_t = 0.0)]
+    #[arg(long, value_name = "X", default_value_t = 0.0, allow_negative_numbers = true)]
     pub sigma_rk: f64,
     /// Spread of each branch capacitance, relative.
-    #[arg(long, value_name = "X", default_value_t = 0.008)]
+    #[arg(long, value_name = "X", default_value_t = 0.008, allow_negative_numbers = true)]
     pub sigma_ck: f64,
     /// Spread of the cells' capacities, relative. Without effect where the model has no OCV curve.
-    #[arg(long, value_name = "X", default_value_t = 0.005)]
+    #[arg(long, value_name = "X", default_value_t = 0.005, allow_negative_numbers = true)]
     pub sigma_capacity: f64,
     /// Spread of the groups' state of charge at the start, absolute. Without effect where the model has no OCV curve.
-    #[arg(long, value_name = "X", default_value_t = 0.005)]
+    #[arg(long, value_name = "X", default_value_t = 0.005, allow_negative_numbers = true)]
     pub sigma_soc: f64,
     /// Longest step, s [default: a 2000th of the profile, at least 1 ms]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub max_step_s: Option<f64>,
     /// Lowest voltage of a cell, V.
-    #[arg(long, alias = "low-v", value_name = "V", default_value_t = CellWindow::THESIS.low_v)]
+    #[arg(long, alias = "low-v", value_name = "V", default_value_t = CellWindow::THESIS.low_v, allow_negative_numbers = true)]
     pub v_min: f64,
     /// Highest voltage of a cell, V.
-    #[arg(long, alias = "high-v", value_name = "V", default_value_t = CellWindow::THESIS.high_v)]
+    #[arg(long, alias = "high-v", value_name = "V", default_value_t = CellWindow::THESIS.high_v, allow_negative_numbers = true)]
     pub v_max: f64,
     /// Mass and specific heat of a cell.
     #[command(flatten)]
@@ -147,8 +151,7 @@ struct PackReport {
 pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
     let model = read_model(&args.model)?;
-    let options = ReadOptions { demand: None, interpolation: Interpolation::Hold, charge_positive: false };
-    let profile = Profile::read(&args.profile, &options).map_err(|error| usage(&error))?;
+    let profile = Profile::read(&args.profile, &args.read.options()).map_err(|error| usage(&error))?;
     let (ocv, soc) = start(args, &model)?;
     let setup = ScatterSetup {
         cell: &model.fit.erm,
@@ -243,6 +246,7 @@ fn print_text(r: &PackReport, setup: &ScatterSetup<'_>) {
         r.draws.draws,
         r.draws.seed
     );
+    say!("  {}", taken(setup.profile));
     say!("  {:<26}{:>10}{:>10}{:>10}{:>10}", "", "identical", "median", "5 %", "95 %");
     let row = |name: &str, identical: f64, p: &Percentiles, digits: usize| {
         say!("  {name:<26}{identical:>10.digits$}{:>10.digits$}{:>10.digits$}{:>10.digits$}", p.p50, p.p5, p.p95);

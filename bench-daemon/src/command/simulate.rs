@@ -8,14 +8,17 @@ use std::path::{Path, PathBuf};
 use analysis::{
     fit::ModelFile,
     forward::{
-        Beyond, CellWindow, Demand, Infeasible, Interpolation, Method, OcvSource, Profile, ReadOptions, ScaleBound, SimModel, SimOptions,
-        SimState, Summary, write_trace_parquet,
+        Beyond, CellWindow, ForwardError, Infeasible, Method, OcvSource, Profile, ScaleBound, SimModel, SimOptions, SimState, Summary,
+        write_trace_parquet,
     },
     pack::Pack,
 };
 use serde::Serialize;
 
-use crate::command::Failure;
+use crate::command::{
+    Failure,
+    profile_args::{ProfileArgs, taken},
+};
 use crate::terminal::{remark, say};
 use case::{Case, Parameter};
 
@@ -39,37 +42,35 @@ pub struct SimulateArgs {
     #[arg(long, default_value_t = 1, value_name = "N")]
     pub parallel: u32,
     /// Resistance of busbars, wires and connectors over the whole pack, Ω.
-    #[arg(long, default_value_t = 0.0, value_name = "OHM")]
+    #[arg(long, default_value_t = 0.0, value_name = "OHM", allow_negative_numbers = true)]
     pub interconnect_ohm: f64,
     /// State of charge at the start, 0 to 1; needs a model with an OCV curve. This or --ocv-v is needed.
-    #[arg(long, value_name = "X", conflicts_with = "ocv_v")]
+    #[arg(long, value_name = "X", conflicts_with = "ocv_v", allow_negative_numbers = true)]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; without an OCV curve in the model it stays.
-    #[arg(long, value_name = "V")]
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub ocv_v: Option<f64>,
-    /// What the second column is, where no header says it [default: power].
-    #[arg(long, value_enum)]
-    pub kind: Option<Kind>,
-    /// What happens between rows.
-    #[arg(long, value_enum, default_value_t = Between::Hold)]
-    pub interpolation: Between,
-    /// The profile counts charge as positive.
-    #[arg(long)]
-    pub charge_positive: bool,
-    /// `exact`: exponential steps with error control; `thesis`: its three steps, explicit Euler from row to row.
+    /// How the files are read.
+    #[command(flatten)]
+    pub read: ProfileArgs,
+    /// `exact`: exponential steps with error control; `thesis`: its three steps, explicit Euler, by a quarter of the
+    /// shortest time constant or by --step-s.
     #[arg(long, value_enum, default_value_t = Steps::Exact)]
     pub method: Steps,
     /// What is done about power that cannot be had: `stop`, or `extrapolate` along the tangent from 95 % of it (thesis 4.2.1).
     #[arg(long, value_enum, default_value_t = Policy::Stop)]
     pub beyond: Policy,
-    /// Longest distance of two rows of the trace, s [default: a 2000th of the profile]
-    #[arg(long, value_name = "S")]
+    /// Longest distance of two rows of the trace, and step of `thesis`, s [default: a 2000th of the profile]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub step_s: Option<f64>,
+    /// DC resistance of a cell for the simple-IR model, Ω [default: that of the model]
+    #[arg(long, value_name = "OHM", allow_negative_numbers = true)]
+    pub dcir_ohm: Option<f64>,
     /// Lowest voltage of a cell, V.
-    #[arg(long, default_value_t = CellWindow::THESIS.low_v, value_name = "V")]
+    #[arg(long, default_value_t = CellWindow::THESIS.low_v, value_name = "V", allow_negative_numbers = true)]
     pub low_v: f64,
     /// Highest voltage of a cell, V.
-    #[arg(long, default_value_t = CellWindow::THESIS.high_v, value_name = "V")]
+    #[arg(long, default_value_t = CellWindow::THESIS.high_v, value_name = "V", allow_negative_numbers = true)]
     pub high_v: f64,
     /// Folder for traces (Parquet) and plots [default: the traces into the current directory, no plots]
     #[arg(long, value_name = "DIR")]
@@ -77,26 +78,6 @@ pub struct SimulateArgs {
     /// Print JSON: one object for one profile, a list for several.
     #[arg(long)]
     pub json: bool,
-}
-
-/// Kinds of profiles.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-pub enum Kind {
-    /// W.
-    Power,
-    /// A.
-    Current,
-    /// Ω across the terminals.
-    Resistance,
-}
-
-/// What happens between rows.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-pub enum Between {
-    /// A row holds until the next.
-    Hold,
-    /// Straight from row to row.
-    Linear,
 }
 
 /// Step methods.
@@ -134,17 +115,21 @@ struct Output {
     /// The largest factor of the profile within the window.
     largest_factor: Option<f64>,
     largest_factor_bound: Option<ScaleBound>,
-    /// Peak power at that factor, W.
+    /// Peak power at that factor, W; for a profile that only charges the most negative one; null for no power profile.
     largest_peak_power_w: Option<f64>,
     simple_ir: SimpleIr,
-    /// How much more peak power the transient model allows than the simple-IR model, W.
+    /// How much more peak power, without sign, the transient model allows than the simple-IR model, W.
     freed_peak_power_w: Option<f64>,
+    /// What to know of the numbers.
+    notes: Vec<String>,
     trace: PathBuf,
 }
 
 /// The same with the DC resistance alone.
 #[derive(Debug, Clone, Serialize)]
 struct SimpleIr {
+    /// DC resistance of a cell, Ω.
+    dcir_ohm: f64,
     min_ccv_v: f64,
     max_ccv_v: f64,
     margin_low_v: f64,
@@ -166,9 +151,12 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
     let mut outputs = Vec::new();
     let mut cases = Vec::new();
     for path in &args.profiles {
-        let profile = Profile::read(path, &read_options(args)).map_err(usage)?;
+        let profile = Profile::read(path, &args.read.options()).map_err(usage)?;
         let options = options(args, &profile, window);
-        let case = Case::run((&file, &model, &state), profile, options).map_err(usage)?;
+        let case = Case::run((&file, &model, &state), profile, (options, args.dcir_ohm)).map_err(|error| match error {
+            ForwardError::Unstable { .. } => Failure::Usage(format!("--step-s: {error}")),
+            other => usage(other),
+        })?;
         let trace = trace_path(args, &case.profile.name, &outputs);
         write_trace_parquet(&trace, &case.full.trace, window).map_err(|error| Failure::Analysis(error.to_string()))?;
         outputs.push(case.output(&file, &model, trace));
@@ -220,29 +208,17 @@ fn window(args: &SimulateArgs) -> Result<CellWindow, Failure> {
     Err(Failure::Usage(format!("--low-v, --high-v: expected a lower below a higher voltage, found {} and {} V", args.low_v, args.high_v)))
 }
 
-fn read_options(args: &SimulateArgs) -> ReadOptions {
-    let demand = args.kind.map(|kind| match kind {
-        Kind::Power => Demand::Power,
-        Kind::Current => Demand::Current,
-        Kind::Resistance => Demand::Resistance,
-    });
-    let interpolation = match args.interpolation {
-        Between::Hold => Interpolation::Hold,
-        Between::Linear => Interpolation::Linear,
-    };
-    ReadOptions { demand, interpolation, charge_positive: args.charge_positive }
-}
-
 fn options(args: &SimulateArgs, profile: &Profile, window: CellWindow) -> SimOptions {
     let beyond = match args.beyond {
         Policy::Stop => Beyond::Stop,
         Policy::Extrapolate => Beyond::Extrapolate { fraction: Beyond::FRACTION },
     };
-    let (method, step_s) = match args.method {
-        Steps::Exact => (Method::Exact, profile.duration_s() / 2000.0),
-        Steps::Thesis => (Method::Thesis, f64::INFINITY),
+    let method = match args.method {
+        Steps::Exact => Method::Exact,
+        Steps::Thesis => Method::Thesis,
     };
-    SimOptions { method, beyond, window, max_step_s: args.step_s.unwrap_or(step_s), ..SimOptions::default() }
+    let max_step_s = args.step_s.unwrap_or_else(|| profile.duration_s() / 2000.0);
+    SimOptions { method, beyond, window, max_step_s, thesis_step_s: args.step_s, ..SimOptions::default() }
 }
 
 /// Two profiles of one name from different folders must not share a trace.
@@ -273,7 +249,12 @@ fn print_text(outputs: &[Output], (model, cases): (&SimModel, &[Case]), args: &S
         model.pack.name(),
         model.erm.branches.len()
     );
-    say!("cells within {} to {} V; simple IR is the DC resistance alone", args.low_v, args.high_v);
+    let dcir_mohm = 1e3 * outputs.first().map_or(f64::NAN, |o| o.simple_ir.dcir_ohm);
+    let source = if args.dcir_ohm.is_some() { "as given" } else { "of the model" };
+    say!("cells within {} to {} V; simple IR is a DC resistance of {dcir_mohm:.2} mΩ per cell alone, {source}", args.low_v, args.high_v);
+    for case in cases {
+        say!("{}", taken(&case.profile));
+    }
     say!("");
     case::print_table(outputs);
     for output in outputs {
@@ -284,6 +265,13 @@ fn print_text(outputs: &[Output], (model, cases): (&SimModel, &[Case]), args: &S
     say!("");
     for output in outputs {
         say!("{}", case::sentence(output));
+    }
+    let mut told: Vec<&String> = Vec::new();
+    for note in outputs.iter().flat_map(|output| &output.notes) {
+        if !told.contains(&note) {
+            say!("note: {note}");
+            told.push(note);
+        }
     }
     say!("");
     for output in outputs {

@@ -46,7 +46,7 @@ pub struct SopArgs {
     #[arg(long, value_name = "P", default_value_t = 1)]
     pub parallel: u32,
     /// Resistance in series with the whole pack, Ω.
-    #[arg(long, value_name = "OHM", default_value_t = 0.0)]
+    #[arg(long, value_name = "OHM", default_value_t = 0.0, allow_negative_numbers = true)]
     pub interconnect_ohm: f64,
     /// Durations, s, with commas.
     #[arg(long, value_name = "LIST", default_value = "0.1,1,2,10")]
@@ -55,19 +55,19 @@ pub struct SopArgs {
     #[arg(long, value_name = "LIST", conflicts_with = "ocv_v", required_unless_present = "ocv_v")]
     pub soc: Option<String>,
     /// Open-circuit voltage of a cell, V, which then stays as it is.
-    #[arg(long, value_name = "V")]
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub ocv_v: Option<f64>,
     /// Lowest voltage of a cell, V.
-    #[arg(long, alias = "low-v", value_name = "V", default_value_t = CellWindow::THESIS.low_v)]
+    #[arg(long, alias = "low-v", value_name = "V", default_value_t = CellWindow::THESIS.low_v, allow_negative_numbers = true)]
     pub v_min: f64,
     /// Highest voltage of a cell, V.
-    #[arg(long, alias = "high-v", value_name = "V", default_value_t = CellWindow::THESIS.high_v)]
+    #[arg(long, alias = "high-v", value_name = "V", default_value_t = CellWindow::THESIS.high_v, allow_negative_numbers = true)]
     pub v_max: f64,
     /// Largest discharge current of a cell, A [default: no limit]
-    #[arg(long, value_name = "A")]
+    #[arg(long, value_name = "A", allow_negative_numbers = true)]
     pub max_discharge_a: Option<f64>,
     /// Largest charge current of a cell, A [default: no limit]
-    #[arg(long, value_name = "A")]
+    #[arg(long, value_name = "A", allow_negative_numbers = true)]
     pub max_charge_a: Option<f64>,
     /// Write sop.json, sop.csv and plots into this folder.
     #[arg(long, value_name = "DIR")]
@@ -165,19 +165,25 @@ fn numbers(text: &str) -> Result<Vec<f64>, String> {
 
 fn print_text(r: &SopReport) {
     say!("{}, {} to {} V per cell; most power that can be held, W (IR: simple-IR model)", r.pack.name(), r.window.low_v, r.window.high_v);
-    let header = ["discharge", "IR", "A/cell", "charge", "IR", "A/cell"].map(|name| format!("{name:>10}")).concat();
-    say!("  {:>5}{:>9}{:>8}{header}  limited by", "SOC", "OCV / V", "for / s");
+    let header = ["discharge", "IR", "A/cell", "charge", "IR", "A/cell"].map(|name| format!(" {name:>10}")).concat();
+    say!("  {:>5}{:>9} {:>8}{header}  limited by", "SOC", "OCV / V", "for / s");
     for e in &r.map {
         let soc = e.soc.map_or_else(|| "–".to_owned(), |soc| format!("{soc:.2}"));
         let discharge = [e.discharge_w, e.simple_ir_discharge_w, e.discharge_cell_a];
         let numbers = discharge.into_iter().chain([e.charge_w, e.simple_ir_charge_w, e.charge_cell_a]);
-        let numbers: String = numbers.map(|number| format!("{number:>10.1}")).collect();
+        let numbers: String = numbers.map(tenths).collect();
         let limits = (words(e.limited_by.discharge), words(e.limited_by.charge));
-        say!("  {soc:>5}{:>9.3}{:>8}{numbers}  {}, {}", e.ocv_v, e.duration_s, limits.0, limits.1);
+        say!("  {soc:>5}{:>9.3} {:>8}{numbers}  {}, {}", e.ocv_v, e.duration_s, limits.0, limits.1);
     }
     for note in &r.notes {
         say!("  note: {note}");
     }
+}
+
+/// A column, apart from the one before however large the number; zero has no sign.
+fn tenths(number: f64) -> String {
+    let rounded = if number.abs() < 0.05 { 0.0 } else { number };
+    format!(" {rounded:>10.1}")
 }
 
 fn words(by: LimitedBy) -> &'static str {
@@ -241,7 +247,14 @@ fn draw(out: &Path, r: &SopReport) -> Result<(), Failure> {
 
 #[cfg(test)]
 mod tests {
-    use super::numbers;
+    use super::{numbers, tenths};
+
+    #[test]
+    fn columns_stay_apart_and_zero_has_no_sign() {
+        assert_eq!(tenths(-0.0), "        0.0");
+        assert_eq!(tenths(-0.04).trim(), "0.0");
+        assert_eq!(tenths(-123_456_789_012.34), " -123456789012.3");
+    }
 
     #[test]
     fn lists_and_ranges() {

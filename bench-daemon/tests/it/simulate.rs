@@ -122,3 +122,27 @@ fn says_what_is_missing() {
     let text = run(&["--profile", "ok.csv"]);
     assert!(text.contains("expected --soc or --ocv-v, found neither"), "{text}");
 }
+
+#[test]
+fn the_last_row_is_no_peak_and_charging_has_one_and_the_thesis_method_runs() {
+    let folder = fitted();
+    std::fs::write(folder.path().join("last.csv"), "0,100\n1,500\n").unwrap();
+    std::fs::write(folder.path().join("charge.csv"), "time_s,charge_power_w\n0,20\n1,0\n").unwrap();
+    std::fs::write(folder.path().join("steps.csv"), "0,100\n0.002,50\n0.004,100\n0.006,0\n").unwrap();
+    let run = |profile: &str, more: &[&str]| {
+        let base = ["simulate", "--model", "p45b/model_4rc.json", "--profile", profile, "--ocv-v", "3.72", "--json"];
+        eis_bench(folder.path(), &[&base[..], more].concat())
+    };
+    let found = |profile: &str| -> Value { serde_json::from_slice(&run(profile, &[]).stdout).unwrap() };
+    // The DC resistance of 13.78 mΩ holds 2.5 V at 2.5·1.22/0.013 78 = 221 W and 4.2 V at −4.2·0.48/0.013 78 = −146 W.
+    let last = found("last.csv");
+    assert!((number(&last["simple_ir"], "largest_peak_power_w") - 221.3).abs() < 1.0, "{last}");
+    assert!(number(&last, "largest_peak_power_w") < 400.0, "{last}");
+    let charge = found("charge.csv");
+    assert!((number(&charge["simple_ir"], "largest_peak_power_w") + 146.3).abs() < 1.0, "{charge}");
+    assert!(number(&charge, "freed_peak_power_w") > 0.0 && number(&charge, "lowest_power_w") < -19.0, "{charge}");
+    assert!(run("steps.csv", &["--method", "thesis"]).status.success());
+    let refused = run("steps.csv", &["--method", "thesis", "--step-s", "0.002"]);
+    let text = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(refused.status.code() == Some(2) && text.contains("--step-s: explicit Euler: expected steps below 1.66"), "{text}");
+}

@@ -2,6 +2,7 @@
 //!
 //! Columns are separated by commas, semicolons, tabs or blanks. A header names what the columns are, with the unit behind an underscore, in brackets
 //! or behind a slash: `time_s,power_w`, `time [s] power [W]`, `Time / s, Current / A`. Lines that begin with `#` are comments.
+//! A column that is called charge or discharge says its sign by that; `load` is a resistance only with a unit of one.
 
 use super::{Interpolation, Profile, ProfileError};
 use crate::forward::law::Demand;
@@ -23,6 +24,14 @@ struct Header {
     time_factor: f64,
     demand: Demand,
     factor: f64,
+    direction: Option<Direction>,
+}
+
+/// A sign that a header tells.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Direction {
+    Charge,
+    Discharge,
 }
 
 impl Profile {
@@ -44,12 +53,15 @@ impl Profile {
             expected: expected.to_owned(),
             met: if met.is_empty() { "nothing".to_owned() } else { format!("{:?}", met.chars().take(80).collect::<String>()) },
         };
-        let mut header = Header { time_factor: 1.0, demand: options.demand.unwrap_or(Demand::Power), factor: 1.0 };
+        let mut header = Header { time_factor: 1.0, demand: options.demand.unwrap_or(Demand::Power), factor: 1.0, direction: None };
         let mut rows: Vec<(f64, f64)> = Vec::new();
         let lines = text.lines().enumerate().map(|(k, l)| (k + 1, l.trim())).filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
         for (index, (line, content)) in lines.enumerate() {
             if index == 0 && !content.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c)) {
                 header = Header::of(content, options.demand).map_err(|expected| bad(line, &expected, content))?;
+                if options.charge_positive && header.direction == Some(Direction::Discharge) {
+                    return Err(bad(line, "a column that counts charge as positive, as was asked for", content));
+                }
                 continue;
             }
             let fields = split(content);
@@ -67,10 +79,14 @@ impl Profile {
             if header.demand == Demand::Resistance && value <= 0.0 {
                 return Err(bad(line, "a load resistance above 0 Ω", fields[1]));
             }
-            let sign = if options.charge_positive && header.demand != Demand::Resistance { -1.0 } else { 1.0 };
-            rows.push((time_s, sign * value));
+            rows.push((time_s, value));
         }
-        Self::new(name, (header.demand, options.interpolation), &rows)
+        if rows.len() < 2 {
+            return Err(ProfileError::TooShort { name: path.display().to_string(), met: rows.len() });
+        }
+        let profile = Self::new(name, (header.demand, options.interpolation), &rows)?;
+        let charge = options.charge_positive || header.direction == Some(Direction::Charge);
+        Ok(if charge && header.demand != Demand::Resistance { Self { negated: true, ..profile.scaled(-1.0) } } else { profile })
     }
 }
 
@@ -101,10 +117,18 @@ impl Header {
             [.., "time" | "t", "h"] => 3600.0,
             _ => return Err("first a column of time in s, ms, min or h".to_owned()),
         };
-        let (demand, factor) = kind(value).ok_or("second a column of power in W, current in A or resistance in Ω")?;
+        let direction = direction(value)?;
+        let (demand, factor) = match (kind(value), wanted) {
+            (Some(known), _) => known,
+            (None, Some(wanted)) if value.last().is_some_and(|w| vague(w)) => (wanted, 1.0),
+            (None, None) if value.last().is_some_and(|w| vague(w)) => {
+                return Err("a unit (W, A or Ω) in the second column's name, or --kind with power, current or resistance".to_owned());
+            }
+            _ => return Err("second a column of power in W, current in A or resistance in Ω".to_owned()),
+        };
         match wanted {
             Some(wanted) if wanted != demand => Err(format!("a column of the kind asked for, {wanted:?}")),
-            _ => Ok(Self { time_factor, demand, factor }),
+            _ => Ok(Self { time_factor, demand, factor, direction }),
         }
     }
 }
@@ -121,7 +145,7 @@ fn words(line: &str) -> Vec<Vec<String>> {
     }
     // Blanks separate words and columns alike: the second column begins at its quantity.
     let all = parts(line);
-    match all.iter().skip(1).position(|w| quantity(w).is_some()) {
+    match all.iter().skip(1).position(|w| quantity(w).is_some() || vague(w)) {
         Some(at) => vec![all[..=at].to_vec(), all[at + 1..].to_vec()],
         None => vec![all],
     }
@@ -130,22 +154,43 @@ fn words(line: &str) -> Vec<Vec<String>> {
 fn quantity(word: &str) -> Option<Demand> {
     match word {
         "power" | "p" => Some(Demand::Power),
-        "current" | "i" | "discharge" => Some(Demand::Current),
-        "resistance" | "load" => Some(Demand::Resistance),
+        "current" | "i" => Some(Demand::Current),
+        "resistance" => Some(Demand::Resistance),
         _ => None,
     }
 }
 
-/// Kind of a column and its unit in W, A or Ω.
+/// Words that leave open whether power, current or resistance is meant.
+fn vague(word: &str) -> bool {
+    matches!(word, "load" | "charge" | "charging" | "discharge" | "discharging")
+}
+
+fn direction(words: &[String]) -> Result<Option<Direction>, String> {
+    let says = |word: &str, other: &str| words.iter().any(|w| w == word || w == other);
+    match (says("charge", "charging"), says("discharge", "discharging")) {
+        (true, true) => Err("second a column of either charge or discharge".to_owned()),
+        (true, false) => Ok(Some(Direction::Charge)),
+        (false, true) => Ok(Some(Direction::Discharge)),
+        (false, false) => Ok(None),
+    }
+}
+
+/// Kind of a column and its unit in W, A or Ω. Where no word says the kind, the unit behind a vague one does.
 fn kind(words: &[String]) -> Option<(Demand, f64)> {
-    let demand = words.iter().find_map(|w| quantity(w))?;
-    let unit = words.last().filter(|w| quantity(w).is_none()).map(String::as_str);
-    let factor = match (demand, unit) {
-        (_, None) | (Demand::Power, Some("w")) | (Demand::Current, Some("a")) => 1.0,
-        (Demand::Resistance, Some("ohm" | "ohms" | "ω" | "Ω")) => 1.0,
-        (Demand::Power, Some("kw")) => 1e3,
-        (Demand::Current, Some("ma")) | (Demand::Resistance, Some("mohm" | "mω")) => 1e-3,
+    let named = words.iter().find_map(|w| quantity(w));
+    let last = words.last()?.as_str();
+    if quantity(last).is_some() || (named.is_some() && vague(last)) {
+        return named.map(|demand| (demand, 1.0));
+    }
+    let (demand, factor) = match last {
+        "w" => (Demand::Power, 1.0),
+        "kw" => (Demand::Power, 1e3),
+        "a" => (Demand::Current, 1.0),
+        "ma" => (Demand::Current, 1e-3),
+        "ohm" | "ohms" | "ω" | "Ω" => (Demand::Resistance, 1.0),
+        "mohm" | "mω" => (Demand::Resistance, 1e-3),
         _ => return None,
     };
-    Some((demand, factor))
+    let meant = named.map_or_else(|| words.iter().any(|w| vague(w)), |named| named == demand);
+    meant.then_some((demand, factor))
 }

@@ -203,3 +203,25 @@ proptest! {
         prop_assert!((all.end.soc - one.end.soc).abs() < 1e-9);
     }
 }
+
+#[test]
+fn the_thesis_method_takes_steps_that_are_stable_or_says_which_are() {
+    // τ₁ of the cell is 1.509 mΩ · 0.5528 F = 0.8342 ms: rows of 2 ms are beyond twice of it.
+    let list: Vec<(f64, f64)> = (0..200).map(|k| (0.002 * f64::from(k), if k % 7 < 3 { 120.0 } else { 10.0 })).collect();
+    let profile = rows(Demand::Power, Interpolation::Hold, &list);
+    let model = flat_cell();
+    let rest = model.rest(0.5).unwrap();
+    let thesis = SimOptions { method: Method::Thesis, ..SimOptions::default() };
+    let run = simulate(&model, &rest, &profile, &thesis).unwrap();
+    let exact = simulate(&model, &rest, &profile, &SimOptions::default()).unwrap();
+    assert!((run.summary.min_ccv_v - exact.summary.min_ccv_v).abs() < 2e-3, "{} {}", run.summary.min_ccv_v, exact.summary.min_ccv_v);
+    assert_eq!(run.trace.time_s, exact.trace.time_s);
+    let error = simulate(&model, &rest, &profile, &SimOptions { thesis_step_s: Some(0.002), ..thesis }).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "explicit Euler: expected steps below 1.6684 ms, twice the shortest time constant of 0.8342 ms, met 2.0000 ms; 0.2085 ms is usable"
+    );
+    assert!(simulate(&model, &rest, &profile, &SimOptions { thesis_step_s: Some(0.001), ..thesis }).is_ok());
+    let error = simulate(&model, &rest, &profile, &SimOptions { thesis_step_s: Some(0.0), ..thesis }).unwrap_err();
+    assert!(error.to_string().starts_with("step of explicit Euler: expected a number of seconds above 0"), "{error}");
+}

@@ -44,8 +44,8 @@ fn names_file_and_line_of_what_is_wrong() {
             "time_s,torque_nm\n0,1\n",
             "load.csv, line 1: expected second a column of power in W, current in A or resistance in Ω, met \"time_s,torque_nm\"",
         ),
-        ("", "profile load: expected at least 2 rows of time and demand, met 0"),
-        ("0 1\n", "profile load: expected at least 2 rows of time and demand, met 1"),
+        ("", "profile load.csv: expected at least 2 rows of time and demand, met 0"),
+        ("0 1\n", "profile load.csv: expected at least 2 rows of time and demand, met 1"),
     ];
     for (text, message) in cases {
         assert_eq!(read(text, |_| ()).unwrap_err(), message);
@@ -72,4 +72,55 @@ fn the_trace_comes_back_from_parquet_with_both_sides_of_a_jump() {
     assert_eq!(column("v4_v"), run.trace.v_rc_v[3]);
     let margins: Vec<f64> = run.trace.cell_v.iter().map(|v| v - 2.5).collect();
     assert_eq!(column("margin_low_v"), margins);
+}
+
+#[test]
+fn a_header_of_charge_or_discharge_says_the_sign_and_load_alone_nothing() {
+    let cases = [
+        ("time_s,charge_current_a\n0,5\n1,0\n", Demand::Current, -5.0),
+        ("time [s] charge power [kW]\n0 5\n1 0\n", Demand::Power, -5000.0),
+        ("time_s,discharge_current_a\n0,5\n1,0\n", Demand::Current, 5.0),
+        ("time_s,discharge_a\n0,5\n1,0\n", Demand::Current, 5.0),
+        ("time_s,charging_w\n0,5\n1,0\n", Demand::Power, -5.0),
+        ("time_s,load_w\n0,5\n1,0\n", Demand::Power, 5.0),
+        ("time_s,load_ohm\n0,5\n1,1\n", Demand::Resistance, 5.0),
+        ("time_s,load_resistance\n0,5\n1,1\n", Demand::Resistance, 5.0),
+    ];
+    for (text, demand, first) in cases {
+        let profile = read(text, |_| ()).unwrap_or_else(|e| panic!("{text:?}: {e}"));
+        assert_eq!((profile.demand, profile.value[0], profile.negated), (demand, first, first < 0.0), "{text:?}");
+    }
+    let said = read("time_s,charge_current_a\n0,5\n1,0\n", |o| o.charge_positive = true).unwrap();
+    assert_eq!(said.value[0], -5.0);
+    let against = read("time_s,discharge_a\n0,5\n1,0\n", |o| o.charge_positive = true).unwrap_err();
+    assert!(against.contains("line 1: expected a column that counts charge as positive, as was asked for"), "{against}");
+    for vague in ["load", "charge"] {
+        let text = format!("time_s,{vague}\n0,5\n1,1\n");
+        let error = read(&text, |_| ()).unwrap_err();
+        assert!(error.contains("a unit (W, A or Ω) in the second column's name, or --kind"), "{error}");
+    }
+    assert_eq!(read("time_s,load\n0,5\n1,1\n", |o| o.demand = Some(Demand::Current)).unwrap().demand, Demand::Current);
+    assert!(read("time_s,charge_ah\n0,5\n1,1\n", |_| ()).is_err());
+}
+
+#[test]
+fn the_peak_is_of_what_is_applied() {
+    let peak = |interpolation, list: &[(f64, f64)]| rows(Demand::Power, interpolation, list).peak();
+    assert_eq!(peak(Interpolation::Hold, &[(0.0, 100.0), (1.0, 500.0)]), Some(100.0));
+    assert_eq!(peak(Interpolation::Linear, &[(0.0, 100.0), (1.0, 500.0)]), Some(500.0));
+    assert_eq!(peak(Interpolation::Hold, &[(0.0, -100.0), (1.0, -30.0), (2.0, 0.0)]), Some(-100.0));
+    assert_eq!(peak(Interpolation::Hold, &[(0.0, -100.0), (1.0, 30.0), (2.0, 0.0)]), Some(30.0));
+    assert_eq!(peak(Interpolation::Hold, &[(0.0, 0.0), (1.0, 30.0)]), None);
+}
+
+#[test]
+fn the_state_of_charge_may_leave_its_range_and_says_so() {
+    let model = curved_cell();
+    // 4.2 Ah: 4.2 A for 0.2 h from 0.1 end at −0.1.
+    let profile = Profile::constant(Demand::Current, 4.2, 720.0).unwrap();
+    let s = simulate(&model, &model.rest(0.1).unwrap(), &profile, &SimOptions::default()).unwrap().summary;
+    assert!((s.soc_min.unwrap() + 0.1).abs() < 1e-9 && (s.soc_max.unwrap() - 0.1).abs() < 1e-9, "{s:?}");
+    let flat = flat_cell();
+    let s = simulate(&flat, &flat.rest(0.5).unwrap(), &profile, &SimOptions::default()).unwrap().summary;
+    assert_eq!((s.soc_min, s.soc_max), (None, None));
 }

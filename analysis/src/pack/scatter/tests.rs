@@ -98,5 +98,17 @@ fn too_much_power_is_a_result_and_nonsense_an_error() {
     let text = scatter(&setup(&cell, &ocv, &profile), &bad, Draws { draws: 2, seed: 0 }).unwrap_err().to_string();
     assert_eq!(text, "spread between cells: expected a standard deviation from 0 to 0.5, met -0.1");
     let nothing = scatter(&setup(&cell, &ocv, &profile), &Spread::NONE, Draws { draws: 0, seed: 0 }).unwrap_err().to_string();
-    assert_eq!(nothing, "number of draws: expected at least 1, met 0");
+    assert_eq!(nothing, "number of draws: expected from 1 to 1e5, met 0");
+}
+
+#[test]
+fn more_cells_than_fit_are_refused() {
+    let (cell, ocv, profile) = (erm(), ocv(), pulse(800.0));
+    let met = |series, parallel, draws| {
+        let setup = ScatterSetup { pack: Pack::new(series, parallel, 0.0).unwrap(), ..setup(&cell, &ocv, &profile) };
+        scatter(&setup, &Spread::NONE, Draws { draws, seed: 1 }).unwrap_err().to_string()
+    };
+    assert_eq!(met(100_000, 100_000, 1), "cells of the pack, S·P: expected at most 1e5, met 10000000000");
+    assert_eq!(met(1, 1, 1_000_000), "number of draws: expected from 1 to 1e5, met 1000000");
+    assert_eq!(met(100, 100, 20_000), "cells of all draws, S·P times draws: expected at most 1e8, met 200000000");
 }

@@ -8,6 +8,7 @@ use analysis::{
         Demand, ForwardError, Profile, ScaleLimit, ScaleOptions, SimModel, SimOptions, SimState, Simulation, largest_scale, sensitivity,
         simulate,
     },
+    model::Erm,
     ocv::OcvCurve,
 };
 use serde::Serialize;
@@ -25,6 +26,7 @@ pub(super) struct Case {
     pub(super) simple: Simulation,
     /// Largest factors of the two; none for a load resistance.
     limits: Option<[ScaleLimit; 2]>,
+    dcir_ohm: f64,
     /// Derivatives of the lowest voltage by ln R, ln R₁, ln C₁, … of the cell, V.
     slopes_v: Vec<f64>,
 }
@@ -40,10 +42,15 @@ impl Case {
     pub(super) fn run(
         (file, model, state): (&ModelFile, &SimModel, &SimState),
         profile: Profile,
-        options: SimOptions,
+        (options, dcir_ohm): (SimOptions, Option<f64>),
     ) -> Result<Self, ForwardError> {
         let full = simulate(model, state, &profile, &options)?;
-        let bare = model.simple_ir();
+        let mut bare = model.simple_ir();
+        if let Some(dcir_ohm) = dcir_ohm {
+            let cell = Erm { r_ohm: dcir_ohm, branches: Vec::new() };
+            bare = SimModel::pack(&cell, model.ocv.clone(), model.pack)?;
+        }
+        let dcir_ohm = dcir_ohm.unwrap_or_else(|| file.fit.erm.dc_resistance_ohm());
         let rest = SimState { soc: state.soc, v_rc_v: Vec::new() };
         let simple = simulate(&bare, &rest, &profile, &options)?;
         let scale = ScaleOptions { window: options.window, ..ScaleOptions::for_profile(&profile) };
@@ -55,15 +62,15 @@ impl Case {
         };
         // Where the run stopped the voltage has no derivative, and there is no lowest one.
         let slopes_v = if full.summary.feasible { slopes_v(file, (model, state), &profile, (&full, &options))? } else { Vec::new() };
-        Ok(Self { profile, full, simple, limits, slopes_v })
+        Ok(Self { profile, full, simple, limits, dcir_ohm, slopes_v })
     }
 
     pub(super) fn output(&self, file: &ModelFile, model: &SimModel, trace: PathBuf) -> Output {
         let (full, simple) = (&self.full.summary, &self.simple.summary);
         let factor = |k: usize| self.limits.map(|l| l[k].factor);
         // The peak of the profile itself where it is a power; else that of the simulation is no measure of the factor.
-        let asked = self.profile.value.iter().fold(0.0_f64, |a, b| a.max(*b));
-        let peak = |k: usize| factor(k).filter(|_| self.profile.demand == Demand::Power).map(|f| f * asked);
+        let asked = self.profile.peak();
+        let peak = |k: usize| factor(k).filter(|_| self.profile.demand == Demand::Power).zip(asked).map(|(f, asked)| f * asked);
         let names = file.fit.erm.parameter_names();
         let per_percent = names.into_iter().zip(&self.slopes_v).map(|(parameter, slope)| Parameter { parameter, change_v: 0.01 * slope });
         Output {
@@ -78,6 +85,7 @@ impl Case {
             largest_factor_bound: self.limits.map(|l| l[0].bound),
             largest_peak_power_w: peak(0),
             simple_ir: SimpleIr {
+                dcir_ohm: self.dcir_ohm,
                 min_ccv_v: simple.min_ccv_v,
                 max_ccv_v: simple.max_ccv_v,
                 margin_low_v: simple.margin_low_v,
@@ -87,9 +95,29 @@ impl Case {
                 largest_factor: factor(1),
                 largest_peak_power_w: peak(1),
             },
-            freed_peak_power_w: peak(0).zip(peak(1)).map(|(full, simple)| full - simple),
+            freed_peak_power_w: peak(0).zip(peak(1)).map(|(full, simple)| full.abs() - simple.abs()),
+            notes: self.notes(file),
             trace,
         }
+    }
+
+    /// What would mislead if it were not said.
+    fn notes(&self, file: &ModelFile) -> Vec<String> {
+        let (s, name) = (&self.full.summary, &self.profile.name);
+        let mut notes: Vec<String> = file.fit.warnings.iter().map(|warning| format!("of the model's fit: {warning}")).collect();
+        if s.margin_low_v < 0.0 {
+            notes.push(format!("{name}: a cell falls {:.3} V below its lower limit", -s.margin_low_v));
+        }
+        if s.margin_high_v < 0.0 {
+            notes.push(format!("{name}: a cell rises {:.3} V above its upper limit", -s.margin_high_v));
+        }
+        if let Some(soc) = s.soc_min.filter(|soc| *soc < 0.0) {
+            notes.push(format!("{name}: SOC falls to {soc:.3}: more charge is taken than the cell holds, and the OCV there is made up"));
+        }
+        if let Some(soc) = s.soc_max.filter(|soc| *soc > 1.0) {
+            notes.push(format!("{name}: SOC rises to {soc:.3}: more charge is put in than the cell holds, and the OCV there is made up"));
+        }
+        notes
     }
 
     /// √(gᵀΣg) with the covariance of the logarithms.
@@ -127,17 +155,18 @@ fn slopes_v(
 pub(super) fn print_table(outputs: &[Output]) {
     let width = outputs.iter().map(|o| o.profile.chars().count()).max().unwrap_or(0).max("profile".len());
     say!(
-        "{:width$}  {:>9}  {:>9}  {:>8}  {:>18}  {:>21}  {:>19}",
+        "{:width$}  {:>9}  {:>9}  {:>8}  {:>18}  {:>21}  {:>11}  {:>19}",
         "",
         "peak",
         "energy",
         "peak",
         "lowest CCV / V",
         "margin low / cell / V",
+        "margin high",
         "largest peak / W"
     );
     say!(
-        "{:width$}  {:>9}  {:>9}  {:>8}  {:>9} {:>8}  {:>11} {:>9}  {:>9} {:>9}",
+        "{:width$}  {:>9}  {:>9}  {:>8}  {:>9} {:>8}  {:>11} {:>9}  {:>11}  {:>9} {:>9}",
         "profile",
         "power / W",
         "/ kJ",
@@ -146,6 +175,7 @@ pub(super) fn print_table(outputs: &[Output]) {
         "simple",
         "transient",
         "simple",
+        "/ cell / V",
         "transient",
         "simple"
     );
@@ -153,15 +183,16 @@ pub(super) fn print_table(outputs: &[Output]) {
         let (s, r) = (&o.summary, &o.simple_ir);
         let most = |w: Option<f64>| w.map_or_else(|| "–".to_owned(), |w| format!("{w:.0}"));
         say!(
-            "{:width$}  {:>9.1}  {:>9.3}  {:>9.1}  {:>9.3} {:>8.3}  {:>+11.3} {:>+9.3}  {:>9} {:>9}",
+            "{:width$}  {:>9.1}  {:>9.3}  {:>9.1}  {:>9.3} {:>8.3}  {:>+11.3} {:>+9.3}  {:>+11.3}  {:>9} {:>9}",
             o.profile,
-            s.peak_power_w,
+            if s.peak_power_w > 0.0 { s.peak_power_w } else { s.lowest_power_w },
             1e-3 * s.energy_j,
-            s.peak_current_a,
+            if s.peak_current_a > 0.0 { s.peak_current_a } else { s.lowest_current_a },
             s.min_ccv_v,
             r.min_ccv_v,
             s.margin_low_v,
             r.margin_low_v,
+            s.margin_high_v,
             most(o.largest_peak_power_w),
             most(r.largest_peak_power_w)
         );

@@ -1,0 +1,65 @@
+//! How a profile's file is read: arguments that `simulate` and `pack simulate` share.
+
+use analysis::forward::{Demand, Interpolation, Profile, ReadOptions};
+use clap::Args;
+
+/// What the file of a profile may not say itself.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct ProfileArgs {
+    /// What the second column is, where no header says it [default: power].
+    #[arg(long, value_enum)]
+    pub kind: Option<Kind>,
+    /// What happens between rows.
+    #[arg(long, value_enum, default_value_t = Between::Hold)]
+    pub interpolation: Between,
+    /// The profile counts charge as positive.
+    #[arg(long)]
+    pub charge_positive: bool,
+}
+
+/// Kinds of profiles.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum Kind {
+    /// W.
+    Power,
+    /// A.
+    Current,
+    /// Ω across the terminals.
+    Resistance,
+}
+
+/// What happens between rows.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum Between {
+    /// A row holds until the next.
+    Hold,
+    /// Straight from row to row.
+    Linear,
+}
+
+impl ProfileArgs {
+    /// As the analysis wants it.
+    pub(super) fn options(self) -> ReadOptions {
+        let demand = self.kind.map(|kind| match kind {
+            Kind::Power => Demand::Power,
+            Kind::Current => Demand::Current,
+            Kind::Resistance => Demand::Resistance,
+        });
+        let interpolation = match self.interpolation {
+            Between::Hold => Interpolation::Hold,
+            Between::Linear => Interpolation::Linear,
+        };
+        ReadOptions { demand, interpolation, charge_positive: self.charge_positive }
+    }
+}
+
+/// What a profile was taken for, in words.
+pub(super) fn taken(profile: &Profile) -> String {
+    let kind = match profile.demand {
+        Demand::Power => "power in W",
+        Demand::Current => "current in A",
+        Demand::Resistance => return format!("{}: load resistance in Ω", profile.name),
+    };
+    let sign = if profile.negated { "its file counts charge as positive" } else { "positive is discharge" };
+    format!("{}: {kind}, {sign}", profile.name)
+}
