@@ -16,11 +16,11 @@ pub struct CellSweeps {
 }
 
 impl CellSweeps {
-    /// Sorts sweeps by the cell that their files name; a sweep whose file names none is a cell of its own.
+    /// Sorts sweeps by the cell that their files name ([`SourcedSpectrum::cell`]); a sweep whose file names none is a cell of its own.
     pub fn sort(sourced: &[SourcedSpectrum]) -> Vec<Self> {
         let mut cells: Vec<(Option<&str>, Self)> = Vec::new();
-        for SourcedSpectrum { origin, spectrum } in sourced {
-            let key = origin.cell.as_deref();
+        for sourced in sourced {
+            let (key, spectrum) = (sourced.cell(), &sourced.spectrum);
             match cells.iter_mut().find(|(k, _)| k.is_some() && *k == key) {
                 Some((_, cell)) => cell.sweeps.push(spectrum.clone()),
                 None => {
@@ -170,6 +170,18 @@ mod tests {
 
     fn normal(rng: &mut Rng) -> f64 {
         (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos()
+    }
+
+    #[test]
+    fn a_cell_is_known_by_its_file_or_by_the_name_of_its_sweep() {
+        let sweep = |name: &str, cell: Option<&str>| SourcedSpectrum {
+            origin: crate::formats::Origin { cell: cell.map(str::to_owned), ..Default::default() },
+            spectrum: Spectrum { name: name.to_owned(), points: Vec::new() },
+        };
+        let sourced =
+            [sweep("cell0_0", None), sweep("cell0_1", None), sweep("cell1_0", None), sweep("a", Some("1")), sweep("my_cell", None)];
+        let cells: Vec<(String, usize)> = CellSweeps::sort(&sourced).into_iter().map(|c| (c.cell, c.sweeps.len())).collect();
+        assert_eq!(cells, [("cell 0".to_owned(), 2), ("cell 1".to_owned(), 2), ("my_cell".to_owned(), 1)]);
     }
 
     #[test]

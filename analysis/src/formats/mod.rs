@@ -56,6 +56,18 @@ pub struct SourcedSpectrum {
     pub spectrum: Spectrum,
 }
 
+impl SourcedSpectrum {
+    /// Which cell it is of: as the file says, else by a name such as `cell3_1` (the thesis' files: cell 3, repeat 1).
+    pub fn cell(&self) -> Option<&str> {
+        let by_name = || {
+            let (cell, repeat) = self.spectrum.name.rsplit_once('_')?;
+            let is_repeat = !repeat.is_empty() && repeat.bytes().all(|b| b.is_ascii_digit());
+            is_repeat.then(|| cell.strip_prefix("cell").filter(|rest| !rest.is_empty()).unwrap_or(cell))
+        };
+        self.origin.cell.as_deref().or_else(by_name)
+    }
+}
+
 /// Reads all spectra of a file, in the order of their first row.
 ///
 /// # Errors

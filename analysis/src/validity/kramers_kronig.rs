@@ -25,9 +25,6 @@ const REACH: f64 = 5.0;
 const LARGEST: f64 = 0.2;
 const MOST_PER_DECADE: f64 = 5.0;
 const MOST_ELEMENTS: usize = 60;
-/// The same two of what Z-HIT starts from where the test fails: no time constant beyond the band.
-const STIFF_REACH: f64 = 0.5;
-const STIFF_PER_DECADE: f64 = 3.0;
 /// Shares of the false-alarm rate: the single points, the sum of all.
 const POINTS_SHARE: f64 = 0.4;
 const SUM_SHARE: f64 = 0.3;
@@ -111,7 +108,7 @@ pub struct KramersKronig {
     pub(super) reference: Reference,
 }
 
-/// What Z-HIT starts from: the fit to all but single bad points, or a stiffer one where that fails.
+/// A fit to all but single bad points: what Z-HIT starts from.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Reference {
     /// Impedance of each point, Ω.
@@ -286,18 +283,6 @@ impl<'a> Test<'a> {
         (1..=most).any(|count| self.leave_out(|k| k < count) || self.leave_out(|k| k >= points - count))
     }
 
-    /// A ladder that cannot bend to a drift at an end of the band, as that of the test can: with opposite elements beyond the band it takes up four fifths of it.
-    fn stiff_reference(&self) -> Reference {
-        let omega: Vec<f64> = self.spectrum.points.iter().map(|p| TAU * p.freq_hz).collect();
-        let tau_range_s = (1.0 / (STIFF_REACH * omega[omega.len() - 1]), STIFF_REACH / omega[0]);
-        let decades = (tau_range_s.1 / tau_range_s.0).log10().max(1.0);
-        let order = ((STIFF_PER_DECADE * decades).ceil() as usize + 1).clamp(3, self.most);
-        let mut ladder = Ladder::new(omega, tau_range_s, order);
-        ladder.load(&self.z_ohm, &self.noise.whitening(), self.restraint_per_ohm);
-        ladder.solve(order);
-        Reference { fitted_ohm: ladder.impedance(order), ladder }
-    }
-
     fn passes_with_other_sign(&mut self) -> bool {
         let turn = |z: &mut Complex64| *z = z.conj();
         self.z_ohm.iter_mut().for_each(turn);
@@ -308,11 +293,10 @@ impl<'a> Test<'a> {
 
     /// The points left out are marked, the residuals those of the fit to all.
     fn part_of_band(mut self, mu_order: Option<usize>) -> KramersKronig {
-        let reference = self.stiff_reference();
         let end = self.left_out.clone();
         self.leave_out(|_| false);
         let order = self.most;
-        let mut result = self.result(order, mu_order, (KkOutcome::PartOfBand, Some(reference)));
+        let mut result = self.result(order, mu_order, (KkOutcome::PartOfBand, None));
         result.points.iter_mut().zip(end).for_each(|(point, out)| point.left_out = out);
         result
     }

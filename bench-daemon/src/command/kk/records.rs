@@ -41,7 +41,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<(usize, Record)>, Failure> {
         .ok_or_else(|| Failure::Usage(format!("{}: expected a header with freq_hz, found \"{}\"", path.display(), header.join(","))))?;
     check(path, &header)?;
     let row = |(index, line)| Row { path, number: index + 1, header: &header, fields: split(line) };
-    lines.map(|line| row(line)).map(|row| Ok((row.number, row.record(&columns)?))).collect()
+    lines.map(row).map(|row| Ok((row.number, row.record(&columns)?))).collect()
 }
 
 /// No column is passed over in silence.
