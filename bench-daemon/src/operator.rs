@@ -42,15 +42,9 @@ impl Operator {
         }
         let text = match fixture {
             Fixture::Cell => "Clamp the cell into the jig, voltage probes C3 (−) and C4 (+) on its Kelvin contacts.",
-            Fixture::Shunt => {
-                "Take the cell out of the jig. Clamp the fake cell into the jig and put the voltage probes C3 and C4 on the shunt, beside C1 and C2."
-            }
-            Fixture::FakeCell => {
-                "Take the cell out of the jig. Clamp the fake cell into the jig, voltage probes C3 (−) and C4 (+) on its Kelvin contacts."
-            }
-            Fixture::Short => {
-                "Take the cell out of the jig. Clamp the short bar into the jig, voltage probes C3 (−) and C4 (+) on its Kelvin contacts."
-            }
+            Fixture::Shunt => "Clamp the fake cell into the jig and put the voltage probes C3 and C4 on the shunt, beside C1 and C2.",
+            Fixture::FakeCell => "Clamp the fake cell into the jig, voltage probes C3 (−) and C4 (+) on its Kelvin contacts.",
+            Fixture::Short => "Clamp the short bar into the jig, voltage probes C3 (−) and C4 (+) on its Kelvin contacts.",
         };
         // Waiting for a person blocks a thread of its own; the bench is off meanwhile.
         let ask = move || {

@@ -77,7 +77,7 @@ impl Executor<'_> {
         }
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
-            let waveforms = self.capture(freq_hz, wait_s).await?;
+            let waveforms = self.capture(freq_hz, wait_s, fixture).await?;
             let file = CaptureFile { fixture, index, attempt, freq_hz, amplitude_a, start_s: self.clock.now_s() };
             self.recorder.capture(&file, &waveforms)?;
             let ranged = self.range_again(&waveforms, &scope);
@@ -133,7 +133,7 @@ impl Executor<'_> {
         Ok(())
     }
 
-    async fn capture(&mut self, freq_hz: f64, wait_s: f64) -> Result<[Waveform; 4], ExecuteError> {
+    async fn capture(&mut self, freq_hz: f64, wait_s: f64, fixture: Fixture) -> Result<[Waveform; 4], ExecuteError> {
         self.apply_verticals().await?;
         let eis = &self.experiment.eis;
         let (points, span) = (eis.record_points, Seconds(eis.periods_on_screen / freq_hz));
@@ -144,14 +144,14 @@ impl Executor<'_> {
         for intent in [Intent::Timebase(per_div), Intent::Trigger(trigger), Intent::Arm] {
             scope.set(&intent).await.map_err(&error)?;
         }
-        self.wait_watching(wait_s).await?;
+        self.wait_watching(wait_s, fixture).await?;
         let scope = require(&mut self.bench.scope, "scope")?;
         scope.stop().await.map_err(&error)?;
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
             waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, points).await.map_err(&error)?);
             // The current still flows: a download must not stop the watching.
-            self.watch("sine").await?;
+            self.watch("sine", fixture).await?;
         }
         let screen_s = per_div.value() * scope_divisions;
         self.check_frame(freq_hz, &waveforms, screen_s)?;
@@ -191,7 +191,7 @@ impl Executor<'_> {
             }
             let range_v = 2.0 * scope.half_range_div * vertical.per_div.value();
             let clipped = waveform.clipped_share() > 0.0;
-            let small = !clipped && span_v < MIN_SPAN * range_v && vertical.per_div.value() > scope.per_div.0.value() * 1.001;
+            let small = span_v < MIN_SPAN * range_v && vertical.per_div.value() > scope.per_div.0.value() * 1.001;
             if !(clipped || small) {
                 continue;
             }
