@@ -158,7 +158,7 @@ impl<'a> Executor<'a> {
                 Step::Discharge { .. } => self.discharge(step).await?,
                 Step::Charge { .. } => self.charge(step).await?,
                 Step::Rest { .. } => self.rest(step).await?,
-                Step::PowerUp { compliance_v, limit_a } => {
+                Step::PowerUp { compliance_v, limit_a, .. } => {
                     let limits = supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) };
                     self.power_up(fixture, &limits).await?;
                 }
