@@ -42,7 +42,7 @@ Exit codes:
   2  the command line or a file is not as expected; nothing was energised
   3  an instrument cannot be reached, answers wrongly or disobeys
   4  the fixture check failed: the bench is not to be believed
-  5  the interlock tripped
+  5  the interlock tripped, or a cell was found in the jig where a control belongs
   6  safe state could not be verified: LOOK AT THE BENCH
   130  stopped by Ctrl-C, Ctrl-Z, SIGTERM or the end of the terminal; the bench was brought into safe state";
 

@@ -21,7 +21,7 @@ use crate::{
     config::{self, Experiment},
     interlock::{self, Limits, NO_CURRENT_A, Reading, Trip},
     operator::{Operator, OperatorError},
-    plan::{Stage, Step},
+    plan::{Stage, Step, fixture_name},
     progress::Progress,
     record::{RecordError, Recorder},
 };
@@ -61,6 +61,14 @@ pub enum ExecuteError {
         /// What it did.
         met: String,
     },
+    /// A control is asked for, and something with a voltage is in the jig.
+    #[error("{what}: expected nothing with a voltage in the jig, found {volts:.2} V: is the cell still in?")]
+    CellLeftIn {
+        /// What was about to be done.
+        what: String,
+        /// Voltage at the jig with every output off, V.
+        volts: f64,
+    },
     /// A record cannot be analysed.
     #[error("{freq_hz} Hz: {reason}")]
     Signal {
@@ -75,6 +83,8 @@ pub enum ExecuteError {
 const POLL_S: f64 = 1.0;
 /// With its command at zero the bipolar supply may drive this much, A: more is a zero error that wants trimming.
 const IDLE_CURRENT_A: f64 = 0.2;
+/// With every output off a control shows less than this, V: thermal voltages, and the zero error of a meter. Any cell shows more.
+const CONTROL_IDLE_V: f64 = 0.2;
 /// The gain error of a meter, as part of a step's envelope.
 const METER_GAIN: f64 = 1.1;
 /// A temperature is read with every so many readings.
@@ -148,7 +158,7 @@ impl<'a> Executor<'a> {
             tracing::info!("step: {step}");
             self.recorder.event(&step.to_string())?;
             self.progress.begin(&stage.purpose.to_string(), step);
-            self.set_envelope(step);
+            self.set_envelope(fixture, step);
             match *step {
                 Step::Mount(other) => {
                     fixture = other;
@@ -158,7 +168,7 @@ impl<'a> Executor<'a> {
                 Step::Discharge { .. } => self.discharge(step).await?,
                 Step::Charge { .. } => self.charge(step).await?,
                 Step::Rest { .. } => self.rest(step).await?,
-                Step::PowerUp { compliance_v, limit_a } => {
+                Step::PowerUp { compliance_v, limit_a, .. } => {
                     let limits = supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) };
                     self.power_up(fixture, &limits).await?;
                 }
@@ -175,8 +185,11 @@ impl<'a> Executor<'a> {
     }
 
     /// What may flow during a step is far less than what the cell could bear.
-    fn set_envelope(&mut self, step: &Step) {
-        let cell = self.experiment.cell.limits;
+    fn set_envelope(&mut self, fixture: Fixture, step: &Step) {
+        let mut cell = self.experiment.cell.limits;
+        if fixture != Fixture::Cell {
+            cell = cell.of_control();
+        }
         let drawn = |amps: f64| METER_GAIN * amps + NO_CURRENT_A;
         self.envelope = match *step {
             Step::Discharge { current_a, .. } => cell.bounded(NO_CURRENT_A, drawn(current_a)),
@@ -197,6 +210,10 @@ impl<'a> Executor<'a> {
         }
         self.verticals = [None; 4];
         self.trigger_v = Volts(0.0);
+        if fixture == Fixture::Short {
+            // A bar across a cell is a dead short, whatever the outputs do: it is looked for before anybody reaches into the jig.
+            self.refuse_a_cell("before mounting the short").await?;
+        }
         match (&self.experiment.bench.instruments.jig, self.bench.jig.as_mut()) {
             (Some(config::Jig::Device(_)), Some(jig)) => {
                 let mounted = jig.mount(fixture).await;
@@ -205,6 +222,9 @@ impl<'a> Executor<'a> {
             (Some(config::Jig::Person), _) => self.operator.mount(fixture).await?,
             // Without a jig only the cell is ever asked for: it is what is in there.
             _ => {}
+        }
+        if fixture == Fixture::Short {
+            self.refuse_a_cell("after mounting the short").await?;
         }
         Ok(())
     }
@@ -223,6 +243,8 @@ impl<'a> Executor<'a> {
             let mut reading = self.read_supply4q().await?;
             reading.temperature_c = self.cell_temperature().await?;
             self.judge("idle", reading)?;
+        } else {
+            self.refuse_a_cell(&format!("driving the {}", fixture_name(fixture))).await?;
         }
         let scope_error = self.bench.error("scope");
         let memory_points = self.experiment.eis.memory_points;
@@ -242,6 +264,14 @@ impl<'a> Executor<'a> {
             });
         }
         Ok(())
+    }
+
+    /// Reads the voltage at the jig, every output off, and refuses one that no control has. A reading that is not a number is refused too.
+    async fn refuse_a_cell(&mut self, what: &str) -> Result<(), ExecuteError> {
+        let reading = self.read_supply4q().await?;
+        self.recorder.reading("idle", &reading)?;
+        let volts = reading.voltage_v.unwrap_or(f64::NAN);
+        if volts.abs() <= CONTROL_IDLE_V { Ok(()) } else { Err(ExecuteError::CellLeftIn { what: what.to_owned(), volts }) }
     }
 
     async fn power_down(&mut self) -> Result<(), ExecuteError> {
@@ -267,13 +297,15 @@ impl<'a> Executor<'a> {
 
     /// One reading of the bipolar supply, judged.
     async fn watch(&mut self, phase: &str, fixture: Fixture) -> Result<Reading, ExecuteError> {
-        let mut reading = self.read_supply4q().await?;
-        if fixture != Fixture::Cell {
-            // A copper wire has no voltage limits.
-            reading.voltage_v = None;
+        let reading = self.read_supply4q().await?;
+        self.recorder.reading(phase, &reading)?;
+        // The thermocouple is on the cell, which lies outside the jig while a control is in it, before anything has brought it to a temperature.
+        let temperature_c = reading.temperature_c.filter(|_| fixture == Fixture::Cell);
+        match interlock::judge(&self.envelope, &Reading { temperature_c, ..reading }) {
+            Some(trip) if fixture != Fixture::Cell => Err(trip.of_control().into()),
+            Some(trip) => Err(trip.into()),
+            None => Ok(reading),
         }
-        self.judge(phase, reading)?;
-        Ok(reading)
     }
 
     async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {

@@ -23,6 +23,12 @@ impl Limits {
     pub fn bounded(self, charge_a: f64, discharge_a: f64) -> Self {
         Self { charge_a: self.charge_a.min(charge_a), discharge_a: self.discharge_a.min(discharge_a), ..self }
     }
+
+    /// The same for a control in the place of the cell: copper has no voltage, and a cell in its place has more than this.
+    #[must_use]
+    pub fn of_control(self) -> Self {
+        Self { min_v: -CONTROL_V, max_v: CONTROL_V, ..self }
+    }
 }
 
 /// What was read at one time; what an instrument does not tell is `None`.
@@ -56,6 +62,21 @@ pub struct Trip {
     pub time_s: f64,
 }
 
+impl Trip {
+    /// The same in words that fit a control in the place of the cell.
+    #[must_use]
+    pub fn of_control(self) -> Self {
+        let what = match self.what {
+            CELL_VOLTAGE => "voltage across a control (is the cell in the jig?)",
+            other => other,
+        };
+        Self { what, ..self }
+    }
+}
+
+/// Greatest voltage across a control, V: what the leads drop besides, where the supply itself is the voltmeter, included.
+const CONTROL_V: f64 = 1.0;
+const CELL_VOLTAGE: &str = "cell voltage";
 /// What a meter may show where nothing flows, A: its zero error.
 pub const NO_CURRENT_A: f64 = 0.1;
 /// Share of the current limits that a meter's own error may add.
@@ -64,7 +85,7 @@ const CURRENT_MARGIN: f64 = 1.02;
 /// Judges a reading. A reading that is not a number trips, for it says nothing.
 pub fn judge(limits: &Limits, reading: &Reading) -> Option<Trip> {
     let checks = [
-        ("cell voltage", reading.voltage_v, "V", limits.min_v, limits.max_v),
+        (CELL_VOLTAGE, reading.voltage_v, "V", limits.min_v, limits.max_v),
         ("cell current", reading.current_a, "A", -limits.discharge_a * CURRENT_MARGIN, limits.charge_a * CURRENT_MARGIN),
         ("cell temperature", reading.temperature_c, "°C", limits.min_c, limits.max_c),
     ];
@@ -95,6 +116,18 @@ mod tests {
         ] {
             let trip = judge(&LIMITS, &reading).map(|trip| trip.to_string()).unwrap_or_default();
             assert!(trip.starts_with(text), "{trip}");
+        }
+    }
+
+    #[test]
+    fn a_control_has_no_voltage_and_a_cell_in_its_place_trips() {
+        let control = LIMITS.of_control();
+        let across = |volts| judge(&control, &Reading { voltage_v: Some(volts), ..Reading::default() });
+        assert_eq!((across(0.0), across(-0.9)), (None, None));
+        assert_eq!((control.charge_a, control.discharge_a), (13.5, 45.0));
+        for volts in [1.1, 3.72, -3.72, f64::NAN] {
+            let trip = across(volts).map(|trip| trip.of_control().to_string()).unwrap_or_default();
+            assert!(trip.starts_with("voltage across a control (is the cell in the jig?) ") && trip.contains("(-1 V to 1 V)"), "{trip}");
         }
     }
 

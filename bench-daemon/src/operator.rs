@@ -40,12 +40,7 @@ impl Operator {
         if *self == Self::Nobody {
             return Err(OperatorError::NoTerminal);
         }
-        let text = match fixture {
-            Fixture::Cell => "Clamp the cell into the jig, voltage probes C3 (−) and C4 (+) on its Kelvin contacts.",
-            Fixture::Shunt => "Clamp the fake cell into the jig and put the voltage probes C3 and C4 on the shunt, beside C1 and C2.",
-            Fixture::FakeCell => "Clamp the fake cell into the jig, voltage probes C3 (−) and C4 (+) on its Kelvin contacts.",
-            Fixture::Short => "Clamp the short bar into the jig, voltage probes C3 (−) and C4 (+) on its Kelvin contacts.",
-        };
+        let text = request(fixture);
         // Waiting for a person blocks a thread of its own; the bench is off meanwhile.
         let ask = move || {
             let mut line = String::new();
@@ -63,5 +58,36 @@ impl Operator {
             Err(OperatorError::NotConfirmed)
         };
         tokio::task::spawn_blocking(ask).await.unwrap_or(Err(OperatorError::NotConfirmed))
+    }
+}
+
+/// What is asked for. A control begins with taking the cell out: a bar or a copper dummy clamped across a cell is a dead short.
+fn request(fixture: Fixture) -> &'static str {
+    match fixture {
+        Fixture::Cell => "Clamp the cell into the jig, nothing else beside it, voltage probes C3 (−) and C4 (+) on its Kelvin contacts.",
+        Fixture::Shunt => {
+            "Take the cell out of the jig. Close the current path there with copper (the fake cell, or a short bar) and put the voltage probes \
+             C3 and C4 on the shunt, beside C1 and C2."
+        }
+        Fixture::FakeCell => {
+            "Take the cell out of the jig. Clamp the fake cell in its place, voltage probes C3 (−) and C4 (+) on its Kelvin contacts."
+        }
+        Fixture::Short => {
+            "Take the cell out of the jig. Clamp the short bar in its place, voltage probes C3 (−) and C4 (+) on its Kelvin contacts."
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_control_is_asked_for_without_the_cell_and_the_shunt_without_a_fake_cell_that_may_not_exist() {
+        for control in [Fixture::Shunt, Fixture::FakeCell, Fixture::Short] {
+            assert!(request(control).starts_with("Take the cell out of the jig. "), "{}", request(control));
+        }
+        assert!(request(Fixture::Cell).starts_with("Clamp the cell into the jig"));
+        assert!(request(Fixture::Shunt).contains("or a short bar"));
     }
 }

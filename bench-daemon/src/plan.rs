@@ -80,8 +80,10 @@ pub enum Step {
     PowerUp {
         /// Compliance voltage, V.
         compliance_v: f64,
-        /// Current limit, A.
+        /// Current limit, A: the daemon judges its readings by it, and the supply holds it where it can.
         limit_a: f64,
+        /// The supply holds it by itself while the generator commands the current.
+        held: bool,
     },
     /// One sinusoid is driven and captured.
     Sine {
@@ -134,6 +136,11 @@ impl Plan {
             for (step_index, step) in stage.steps.iter().enumerate() {
                 let fail = |reason: String| PlanError { stage: stage_index + 1, step: step_index + 1, what: step.to_string(), reason };
                 step.check(limits, powered).map_err(fail)?;
+                if stage.purpose == Purpose::Sweep(Fixture::Short) && matches!(step, Step::PowerUp { held: false, .. }) {
+                    let reason = "expected a bipolar supply with a programmable current limit to drive a short, found one whose output follows \
+                                  the generator up to its rated current: leave [fixture_check.short] out";
+                    return Err(fail(reason.to_owned()));
+                }
                 match step {
                     Step::PowerUp { .. } => powered = true,
                     Step::PowerDown => powered = false,
@@ -200,7 +207,7 @@ impl Step {
                     return Err(format!("expected a shortest rest of at most {max_s} s, found {min_s} s"));
                 }
             }
-            Self::PowerUp { compliance_v, limit_a } => {
+            Self::PowerUp { compliance_v, limit_a, .. } => {
                 needs_off()?;
                 let (least, greatest) = (limits.max_v + COMPLIANCE_V.0, limits.max_v + COMPLIANCE_V.1);
                 if !(least..=greatest).contains(&compliance_v) {
@@ -277,8 +284,11 @@ impl fmt::Display for Step {
             Self::Rest { min_s, max_s, slope_v_per_s } => {
                 write!(f, "rest {} to {}, until slower than {:.3} mV/min", minutes(min_s), minutes(max_s), slope_v_per_s * 6.0e4)
             }
-            Self::PowerUp { compliance_v, limit_a } => {
+            Self::PowerUp { compliance_v, limit_a, held: true } => {
                 write!(f, "bipolar supply up: compliance {compliance_v} V, current limit {limit_a} A")
+            }
+            Self::PowerUp { compliance_v, .. } => {
+                write!(f, "bipolar supply up: compliance {compliance_v} V, no programmable current limit: the output follows the generator")
             }
             Self::Sine { index, freq_hz, amplitude_a, wait_s } => {
                 write!(f, "point {:>2}: {freq_hz:>10.4} Hz, {amplitude_a} A, wait {wait_s:.1} s", index + 1)
@@ -307,8 +317,21 @@ mod tests {
     use super::*;
 
     const LIMITS: Limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
-    const UP: Step = Step::PowerUp { compliance_v: 5.0, limit_a: 3.0 };
+    const UP: Step = Step::PowerUp { compliance_v: 5.0, limit_a: 3.0, held: true };
     const SINE: Step = Step::Sine { index: 0, freq_hz: 1.0, amplitude_a: 1.0, wait_s: 12.0 };
+
+    #[test]
+    fn a_short_is_driven_only_by_a_supply_that_limits_its_current() {
+        for (fixture, held, sound) in
+            [(Fixture::Short, true, true), (Fixture::Short, false, false), (Fixture::FakeCell, false, true), (Fixture::Cell, false, true)]
+        {
+            let up = Step::PowerUp { compliance_v: 5.0, limit_a: 3.0, held };
+            assert_eq!(up.to_string().contains("current limit 3 A"), held, "{up}");
+            assert_eq!(up.to_string().ends_with("no programmable current limit: the output follows the generator"), !held, "{up}");
+            let stage = Stage { purpose: Purpose::Sweep(fixture), steps: vec![Step::Mount(fixture), up, SINE, Step::PowerDown] };
+            assert_eq!(Plan { stages: vec![stage] }.check(&LIMITS).is_ok(), sound, "{fixture:?}, held: {held}");
+        }
+    }
 
     fn check(steps: Vec<Step>) -> Result<Checked, PlanError> {
         Plan { stages: vec![Stage { purpose: Purpose::Sweep(Fixture::Cell), steps }] }.check(&LIMITS)
@@ -324,7 +347,10 @@ mod tests {
         let discharge = |current_a, until_v| Step::Discharge { current_a, until_v, max_s: 60.0 };
         for (steps, reason) in [
             (vec![SINE], "expected the bipolar supply to be up"),
-            (vec![Step::PowerUp { compliance_v: 4.2, limit_a: 3.0 }], "expected a compliance within 4.45 V to 6.70 V, found 4.2 V"),
+            (
+                vec![Step::PowerUp { compliance_v: 4.2, limit_a: 3.0, held: true }],
+                "expected a compliance within 4.45 V to 6.70 V, found 4.2 V",
+            ),
             (vec![UP, SINE], "taken down before the stage ends"),
             (vec![UP, Step::Mount(Fixture::Shunt), Step::PowerDown], "expected the bipolar supply to be down"),
             (vec![UP, discharge(5.0, 3.5), Step::PowerDown], "expected the bipolar supply to be down"),

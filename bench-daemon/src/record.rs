@@ -71,6 +71,8 @@ pub struct Recorder {
     readings: BufWriter<File>,
     series: Vec<SeriesRow>,
     warnings: Vec<String>,
+    /// Texts, and the sweeps and frequencies, Hz, that they are about.
+    point_warnings: Vec<(String, Vec<(String, f64)>)>,
 }
 
 impl Recorder {
@@ -90,7 +92,15 @@ impl Recorder {
         let mut readings = create(&folder.join("readings.csv"))?;
         line(&mut events, &folder.join("events.csv"), "time_s,event")?;
         line(&mut readings, &folder.join("readings.csv"), "time_s,phase,voltage_v,current_a,temperature_c")?;
-        Ok(Self { folder: folder.to_owned(), clock, events, readings, series: Vec::new(), warnings: Vec::new() })
+        Ok(Self {
+            folder: folder.to_owned(),
+            clock,
+            events,
+            readings,
+            series: Vec::new(),
+            warnings: Vec::new(),
+            point_warnings: Vec::new(),
+        })
     }
 
     /// The folder.
@@ -215,10 +225,42 @@ impl Recorder {
         self.warnings.push(text.to_owned());
     }
 
-    /// What was odd.
-    pub fn warnings(&self) -> &[String] {
-        &self.warnings
+    /// Remembers something odd about a point of a sweep; what was odd about several is said once.
+    pub fn point_warning(&mut self, sweep: &str, freq_hz: f64, text: &str) {
+        if let Err(error) = self.event(&format!("note: {sweep}, {freq_hz:.4} Hz: {text}")) {
+            tracing::error!("{error}");
+        }
+        match self.point_warnings.iter_mut().find(|(known, _)| known == text) {
+            Some((_, points)) => points.push((sweep.to_owned(), freq_hz)),
+            None => self.point_warnings.push((text.to_owned(), vec![(sweep.to_owned(), freq_hz)])),
+        }
     }
+
+    /// What was odd.
+    pub fn warnings(&self) -> Vec<String> {
+        let points = self.point_warnings.iter().map(|(text, points)| format!("{}: {text}", places(points)));
+        points.chain(self.warnings.iter().cloned()).collect()
+    }
+}
+
+/// Points of sweeps in words: each sweep once, its points counted where there are several.
+fn places(points: &[(String, f64)]) -> String {
+    let mut sweeps: Vec<(&str, Vec<f64>)> = Vec::new();
+    for (sweep, freq_hz) in points {
+        match sweeps.iter_mut().find(|(known, _)| known == sweep) {
+            Some((_, freqs_hz)) => freqs_hz.push(*freq_hz),
+            None => sweeps.push((sweep, vec![*freq_hz])),
+        }
+    }
+    let words = sweeps.iter().map(|(sweep, freqs_hz)| match freqs_hz.as_slice() {
+        [freq_hz] => format!("{sweep}, {freq_hz:.4} Hz"),
+        several => {
+            let (least, greatest) =
+                several.iter().fold((f64::INFINITY, 0.0_f64), |(least, greatest), &freq_hz| (least.min(freq_hz), greatest.max(freq_hz)));
+            format!("{sweep}, {} points from {least:.4} Hz to {greatest:.4} Hz", several.len())
+        }
+    });
+    words.collect::<Vec<_>>().join("; ")
 }
 
 /// What a waveform's codes mean: on disk as in the fit.
@@ -244,4 +286,29 @@ fn line(writer: &mut BufWriter<File>, path: &Path, text: &str) -> Result<(), Rec
 fn io(path: &Path, what: &'static str) -> impl Fn(std::io::Error) -> RecordError + use<> {
     let path = path.to_owned();
     move |source| RecordError::Io { path: path.clone(), what, source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_named_by_sweep_and_counted() {
+        let points = [("shunt", 300.0), ("cell", 0.1), ("cell", 10.0), ("cell", 0.5)].map(|(sweep, freq_hz)| (sweep.to_owned(), freq_hz));
+        assert_eq!(places(&points[..1]), "shunt, 300.0000 Hz");
+        assert_eq!(places(&points), "shunt, 300.0000 Hz; cell, 3 points from 0.1000 Hz to 10.0000 Hz");
+    }
+
+    #[test]
+    fn what_is_odd_about_several_points_is_said_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let clock = Clock::start(instruments::clock::TimeMode::Real);
+        let mut recorder = Recorder::create(&folder.path().join("run"), clock).unwrap();
+        recorder.warning("of the run");
+        for (sweep, freq_hz, text) in [("shunt", 1.0, "odd"), ("shunt", 1.0, "other"), ("cell", 1.0, "odd")] {
+            recorder.point_warning(sweep, freq_hz, text);
+        }
+        let said = ["shunt, 1.0000 Hz; cell, 1.0000 Hz: odd", "shunt, 1.0000 Hz: other", "of the run"];
+        assert_eq!(recorder.warnings(), said);
+    }
 }

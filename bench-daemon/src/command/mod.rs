@@ -76,7 +76,7 @@ impl Failure {
             Self::Sim(SimError::Config(_) | SimError::Real { .. } | SimError::Model { .. }) => 2,
             Self::Record(RecordError::NotEmpty { .. }) => 2,
             Self::Bench(_) | Self::Sim(SimError::Port { .. }) => 3,
-            Self::Execute(ExecuteError::Trip(_)) => 5,
+            Self::Execute(ExecuteError::Trip(_) | ExecuteError::CellLeftIn { .. }) => 5,
             Self::Execute(ExecuteError::Record(_)) | Self::Record(_) | Self::Analysis(_) | Self::Panic(_) | Self::System(_) => 1,
             Self::Execute(_) => 3,
             Self::FixtureCheck(_) => 4,

@@ -274,7 +274,7 @@ async fn drive(
                 spectrum.push(corrected);
             }
             for warning in &point.warnings {
-                recorder.warning(&format!("{name}, {:.4} Hz: {warning}", point.phasors.freq_hz));
+                recorder.point_warning(name, point.phasors.freq_hz, warning);
             }
             Ok(())
         };

@@ -185,29 +185,14 @@ impl Executor<'_> {
         for (slot, waveform) in waveforms.iter().enumerate() {
             let Some(vertical) = self.verticals[slot] else { continue };
             let (least_v, greatest_v) = waveform.extremes_v();
-            let (span_v, middle_v) = (greatest_v - least_v, 0.5 * (greatest_v + least_v));
             if waveform.channel == TRIGGER_CHANNEL {
-                self.trigger_v = Volts(middle_v);
+                self.trigger_v = Volts(0.5 * (greatest_v + least_v));
             }
-            let range_v = 2.0 * scope.half_range_div * vertical.per_div.value();
             let clipped = waveform.clipped_share() > 0.0;
-            let small = span_v < MIN_SPAN * range_v && vertical.per_div.value() > scope.per_div.0.value() * 1.001;
-            if !(clipped || small) {
-                continue;
-            }
-            let wanted = if clipped {
-                2.0 * vertical.per_div.value()
-            } else {
-                (span_v / (2.0 * scope.half_range_div * WANTED_SPAN)).max(scope.per_div.0.value())
-            };
-            let offset = Volts(-middle_v);
-            let per_div = scope.scale_for_offset(Volts(round_scale(wanted)), offset);
-            if small && per_div.value() >= vertical.per_div.value() {
-                continue;
-            }
+            let Some(changed) = other_range(&vertical, (least_v, greatest_v), clipped, scope) else { continue };
             let what = if clipped { "clipped" } else { "small" };
             changes.push(format!("channel {} {what} at {} V/div", waveform.channel, vertical.per_div.value()));
-            self.verticals[slot] = Some(Vertical { channel: waveform.channel, per_div, offset });
+            self.verticals[slot] = Some(changed);
         }
         changes
     }
@@ -225,6 +210,21 @@ impl Executor<'_> {
             met: format!("{met_a:.4} A"),
         })
     }
+}
+
+/// Another range for a signal that clipped or is small in its range; none where the range is right, or the finest there is. A signal that lies wholly
+/// outside has no span at all, and yet it is not small.
+fn other_range(vertical: &Vertical, (least_v, greatest_v): (f64, f64), clipped: bool, scope: &Capabilities) -> Option<Vertical> {
+    let (span_v, per_div_v) = (greatest_v - least_v, vertical.per_div.value());
+    let small = !clipped && span_v < MIN_SPAN * 2.0 * scope.half_range_div * per_div_v && per_div_v > scope.per_div.0.value() * 1.001;
+    if !(clipped || small) {
+        return None;
+    }
+    let wanted_v =
+        if clipped { 2.0 * per_div_v } else { (span_v / (2.0 * scope.half_range_div * WANTED_SPAN)).max(scope.per_div.0.value()) };
+    let offset = Volts(-0.5 * (greatest_v + least_v));
+    let per_div = scope.scale_for_offset(Volts(round_scale(wanted_v)), offset);
+    (clipped || per_div.value() < per_div_v).then_some(Vertical { channel: vertical.channel, per_div, offset })
 }
 
 /// Two significant digits, upwards: scopes take any scale, people prefer round ones.
@@ -273,9 +273,10 @@ fn analyse(asked: &Asked, waveforms: &[Waveform; 4], mut warnings: Vec<String>) 
     Ok(SweepPoint { fixture, index, phasors, volts_per_div, free_freq_hz: free.freq_hz, residual_lag1, beside, warnings })
 }
 
-/// What is odd about a fit, in words. Harmonics and mains beyond half the sampling rate are no news.
+/// What is odd about a fit, in words. Harmonics and mains beyond half the sampling rate are no news, nor is a mains of less than a period in the
+/// record of a fast sinusoid: there it is drift.
 fn remarks(fit: &SineFit) -> Vec<String> {
-    let known = |note: &&Note| !matches!(note, Note::LeftOut { why: LeftOut::AboveNyquist { .. }, .. });
+    let known = |note: &&Note| !matches!(note, Note::LeftOut { why: LeftOut::AboveNyquist { .. } | LeftOut::TooSlow { .. }, .. });
     let mut remarks: Vec<String> = fit.notes.iter().filter(known).map(Note::to_string).collect();
     for channel in 0..fit.channels.len() {
         if let Some(Distortion { thd, sigma }) = fit.distortion(channel)
@@ -314,6 +315,21 @@ mod tests {
         assert_eq!(said(&codes(1000.0, 0.03, 3.0)), ["channel 1: 3.0 % of distortion by harmonics [2, 3]"]);
         let coarse = said(&codes(1.6, 0.0, 0.0));
         assert!(coarse[0].starts_with("channel 1: ") && coarse[0].contains("LSB of noise are too few"), "{coarse:?}");
+    }
+
+    #[test]
+    fn a_signal_wholly_outside_its_range_is_given_a_wider_one() {
+        let dialect = instruments::instrument::by_key(instruments::scope::DIALECTS, "siglent-sds800x-hd");
+        let scope = dialect.map(|dialect| dialect.capabilities()).unwrap();
+        let vertical = Vertical { channel: 1, per_div: Volts(0.02), offset: Volts(0.0) };
+        let rail_v = 0.02 * scope.half_range_div;
+        // Every sample is the same: the greatest code.
+        let wider = other_range(&vertical, (rail_v, rail_v), true, &scope).map(|vertical| vertical.per_div);
+        assert_eq!(wider, Some(Volts(0.04)));
+        let swing = |share: f64| (-share * rail_v, share * rail_v);
+        assert_eq!(other_range(&vertical, swing(0.5), false, &scope), None);
+        let finer = other_range(&vertical, swing(0.03), false, &scope).map_or(f64::NAN, |vertical| vertical.per_div.value());
+        assert!(finer < 0.02, "{finer}");
     }
 
     #[test]

@@ -23,12 +23,14 @@ const TRIGGER_PERIODS: f64 = 1.5;
 /// For the scope to take the frame, s.
 const FRAME_MARGIN_S: f64 = 0.2;
 
-pub(super) fn stage(fixture: Fixture, eis: &Eis, limits: &Limits, screen_s: impl Fn(f64) -> f64) -> Stage {
+/// `held`: the bipolar supply limits its current by itself.
+pub(super) fn stage((fixture, held): (Fixture, bool), eis: &Eis, limits: &Limits, screen_s: impl Fn(f64) -> f64) -> Stage {
     let mut steps = vec![
         Step::Mount(fixture),
         Step::PowerUp {
             compliance_v: limits.max_v + (LOOP_OHM * eis.amplitude_a).max(COMPLIANCE_MARGIN_V),
             limit_a: LIMIT_FACTOR * eis.amplitude_a + LIMIT_MARGIN_A,
+            held,
         },
     ];
     for (index, &freq_hz) in eis.freqs_hz.iter().enumerate() {
@@ -57,7 +59,7 @@ mod tests {
             mains_hz: None,
         };
         let limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
-        let stage = stage(Fixture::Cell, &eis, &limits, |span_s| 2.5 * span_s);
+        let stage = stage((Fixture::Cell, true), &eis, &limits, |span_s| 2.5 * span_s);
         let waits: Vec<(f64, f64)> = stage
             .steps
             .iter()
@@ -67,6 +69,8 @@ mod tests {
         for (freq_hz, wait_s) in waits {
             assert!(wait_s >= 11.0 / freq_hz + 1.0 && wait_s >= (12.5 + 1.5) / freq_hz, "{freq_hz} Hz waits {wait_s} s");
         }
-        assert!(matches!(stage.steps[1], Step::PowerUp { compliance_v, limit_a } if (compliance_v - 4.5).abs() < 1e-9 && limit_a == 2.0));
+        assert!(
+            matches!(stage.steps[1], Step::PowerUp { compliance_v, limit_a, .. } if (compliance_v - 4.5).abs() < 1e-9 && limit_a == 2.0)
+        );
     }
 }

@@ -3,16 +3,23 @@
 mod eis_sweep;
 mod soc_reset;
 
-use instruments::{instrument::by_key, mock::plant::Fixture, scope, units::Seconds};
+use instruments::{instrument::by_key, mock::plant::Fixture, scope, supply4q, units::Seconds};
 
 use crate::{
     config::{Experiment, Instrument},
     plan::{Plan, Purpose, Stage, Step},
 };
 
-/// The whole experiment as a plan: temperature, fixture check, SOC reset, sweep of the cell.
+/// The whole experiment as a plan: fixture check, temperature, SOC reset, sweep of the cell. The controls come first, so that the cell is put into
+/// the jig once, after the last of them, and nothing has to be clamped where it sits.
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
+    let supply = experiment.bench.instruments.supply4q.as_ref().and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
+    let held = supply.is_some_and(|dialect| dialect.capabilities().current_limit);
+    let limits = &experiment.cell.limits;
+    for (control, _) in experiment.fixture_check.iter().flat_map(|check| &check.controls) {
+        stages.push(eis_sweep::stage((*control, held), &experiment.eis, limits, time_base(experiment)));
+    }
     if let Some(temperature) = &experiment.temperature {
         let (setpoint_c, within_k, max_s) = (temperature.setpoint_c, temperature.within_k, temperature.timeout_s);
         stages.push(Stage {
@@ -20,14 +27,10 @@ pub fn plan(experiment: &Experiment) -> Plan {
             steps: vec![Step::Mount(Fixture::Cell), Step::HoldTemperature { setpoint_c, within_k, max_s }],
         });
     }
-    let limits = &experiment.cell.limits;
-    for (control, _) in experiment.fixture_check.iter().flat_map(|check| &check.controls) {
-        stages.push(eis_sweep::stage(*control, &experiment.eis, limits, time_base(experiment)));
-    }
     if let Some(reset) = &experiment.soc_reset {
         stages.push(soc_reset::stage(reset));
     }
-    stages.push(eis_sweep::stage(Fixture::Cell, &experiment.eis, limits, time_base(experiment)));
+    stages.push(eis_sweep::stage((Fixture::Cell, held), &experiment.eis, limits, time_base(experiment)));
     Plan { stages }
 }
 

@@ -199,9 +199,9 @@ fn assert_tables(run: &Path) {
     assert!(events.len() > 3 * POINTS && readings.len() > 1000, "{} events, {} readings", events.len(), readings.len());
     let text = fs::read_to_string(run.join("events.csv")).unwrap();
     let stages =
-        ["\"temperature\"", "\"fixture check: shunt\"", "\"fixture check: fake cell\"", "\"SOC reset\"", "\"EIS sweep of the cell\""];
+        ["\"fixture check: shunt\"", "\"fixture check: fake cell\"", "\"temperature\"", "\"SOC reset\"", "\"EIS sweep of the cell\""];
     let found: Vec<Option<usize>> = stages.iter().map(|stage| text.find(stage)).collect();
-    assert!(found.iter().all(Option::is_some) && found.is_sorted(), "the stages in the order of the thesis: {found:?}");
+    assert!(found.iter().all(Option::is_some) && found.is_sorted(), "the controls before the cell, then as in the thesis: {found:?}");
     let log = fs::read_to_string(run.join("log.txt")).unwrap();
     assert!(log.contains("INFO stage: EIS sweep of the cell"), "{log}");
 }

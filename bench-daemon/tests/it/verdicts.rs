@@ -3,7 +3,7 @@
 use std::{fs, path::Path};
 
 use bench_daemon::command::run::run_experiment;
-use instruments::mock::plant::Fixture;
+use instruments::mock::plant::{Fixture, Plant as _};
 
 use crate::support::{BENCH, CELL, EXPERIMENT, Files, Ports, SCENARIO, files_below, json, program, sent, truth};
 
@@ -161,7 +161,7 @@ fn a_limit_passed_in_mid_run_trips_and_switches_off() {
 
 #[test]
 fn a_temperature_out_of_the_limits_trips_while_it_is_waited_for() {
-    let files = Files::demo().edit(CELL, "\"0 °C\"", "\"24 °C\"");
+    let files = Files::demo().without(EXPERIMENT, "fixture_check").edit(CELL, "\"0 °C\"", "\"24 °C\"");
     let ended = files.run("run");
     ended.expect_code(5);
     let message = ended.message();
@@ -207,7 +207,7 @@ fn plan_prints_every_stage_and_touches_nothing() {
         let output = crate::support::command(&["plan".as_ref(), experiment.as_os_str()]).current_dir(&folder).output().unwrap();
         let text = String::from_utf8(output.stdout).unwrap();
         assert_eq!(output.status.code(), Some(0), "{name}: {}", String::from_utf8_lossy(&output.stderr));
-        let stages = ["\ntemperature\n", "\nfixture check: shunt\n", "\nSOC reset\n", "\nEIS sweep of the cell\n"];
+        let stages = ["\nfixture check: shunt\n", "\ntemperature\n", "\nSOC reset\n", "\nEIS sweep of the cell\n"];
         let found: Vec<Option<usize>> = stages.iter().map(|stage| text.find(stage)).collect();
         assert!(found.iter().all(Option::is_some) && found.is_sorted(), "{name}: {found:?} in\n{text}");
         for step in ["mount shunt", "bipolar supply up: compliance", "discharge at 5 A to 3.52 V", "rest 5.0 min", "bipolar supply down"] {
@@ -285,6 +285,86 @@ fn more_current_than_the_step_asked_for_trips_at_once() {
     let message = ended.message();
     assert!(message.contains("interlock: cell current") && message.contains("left its limits (-2"), "{message}");
     ports.assert_outputs_off();
+}
+
+/// What `done` without taking the cell out does: nobody changes anything in the jig, where the cell sits.
+#[test]
+fn a_cell_left_in_the_jig_is_not_driven_as_a_control() {
+    for (control, what) in [(Fixture::Shunt, "driving the shunt"), (Fixture::Short, "before mounting the short")] {
+        let files = Files::short(2);
+        let mut experiment = files.load();
+        experiment.bench.instruments.jig = None;
+        for (fixture, _) in experiment.fixture_check.as_mut().unwrap().controls.iter_mut().take(1) {
+            *fixture = control;
+        }
+        let run = files.path("run");
+        let message = run_experiment(&experiment, &run).err().map(|failure| failure.to_string()).unwrap_or_default();
+        let rest = message.strip_prefix(what).and_then(|rest| rest.strip_prefix(": expected nothing with a voltage in the jig, found 3."));
+        assert!(rest.is_some_and(|rest| rest.ends_with(" V: is the cell still in?")), "{message}");
+        for (role, on) in ON {
+            assert!(!sent(&run, role).iter().any(|message| message == on), "{role}");
+        }
+        let readings = fs::read_to_string(run.join("readings.csv")).unwrap();
+        let last: Vec<&str> = readings.lines().last().unwrap().split(',').collect();
+        assert!(last[1] == "idle" && last[2].starts_with("3."), "the voltage is on record: {readings}");
+    }
+}
+
+#[test]
+fn a_cell_that_comes_into_the_jig_while_a_control_is_driven_trips() {
+    let files = Files::short(20);
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let run = files.path("run");
+    let ended = std::thread::scope(|scope| {
+        let running = scope.spawn(|| files.run("run"));
+        crate::support::poll("the first point of the shunt", || run.join("raw_shunt.csv").exists().then_some(()));
+        ports.world.lock().unwrap().mount(0.0, Fixture::Cell);
+        running.join().unwrap()
+    });
+    ended.expect_code(5);
+    let message = ended.message();
+    assert!(message.starts_with("interlock: voltage across a control (is the cell in the jig?) 3."), "{message}");
+    assert!(message.contains("left its limits (-1 V to 1 V)"), "{message}");
+    ports.assert_outputs_off();
+}
+
+#[test]
+fn the_voltage_across_a_control_is_recorded() {
+    let files = Files::short(2);
+    let run = files.path("run");
+    run_experiment(&files.load(), &run).unwrap();
+    let readings = fs::read_to_string(run.join("readings.csv")).unwrap();
+    let driven: Vec<Vec<&str>> =
+        readings.lines().map(|line| line.split(',').collect()).filter(|row: &Vec<&str>| row[1] == "sine").collect();
+    assert!(!driven.is_empty());
+    for row in driven {
+        assert!(row[2].parse::<f64>().is_ok(), "{row:?}");
+    }
+}
+
+#[test]
+fn the_linear_bipolar_supply_says_that_it_has_no_current_limit_and_drives_no_short() {
+    let files = Files::short(2).edit(BENCH, "kepco-bop-mg", "kepco-bop-linear");
+    let experiment = files.experiment();
+    let text = &program(&["plan".as_ref(), experiment.as_os_str()]).stdout;
+    assert!(text.contains("no programmable current limit: the output follows the generator"), "{text}");
+    assert!(!text.contains(", current limit"), "{text}");
+    let known =
+        "[controls.short]\nresistance = \"20 µΩ\"\nresistance_sigma = \"0.2 µΩ\"\ninductance = \"6 nH\"\ninductance_sigma = \"0.3 nH\"";
+    let files = files.append(BENCH, known).append(EXPERIMENT, "[fixture_check.short]\nerror = \"0.1 mΩ\"");
+    let ended = files.run("run");
+    ended.expect_code(2);
+    let message = ended.message();
+    assert!(message.contains("expected a bipolar supply with a programmable current limit to drive a short"), "{message}");
+    assert!(!files.path("run").exists());
+}
+
+#[test]
+fn a_point_too_fast_for_the_mains_is_no_news_and_one_note_is_said_once() {
+    let files = Files::short(4).edit(EXPERIMENT, "periods = 11", "periods = 11\nmains = \"50 Hz\"");
+    let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
+    let notes: Vec<&str> = finished.summary.lines().filter(|line| line.starts_with("note: ")).collect();
+    assert!(!notes.iter().any(|note| note.contains("takes longer than the record")), "{notes:#?}");
 }
 
 #[test]

@@ -57,6 +57,8 @@ impl Dialect for Kepco {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             analog_select: self.analog_select,
+            // `CURR:LIM` is of the switching family.
+            current_limit: self.analog_select == AnalogSelect::Command,
             full_scale: FULL_SCALE,
             // The bandwidth is 5 kHz to 10 kHz: at 3 kHz at most a seventh of the amplitude is lost.
             max_freq: Hertz(3000.0),
@@ -159,6 +161,11 @@ mod tests {
         assert_eq!(words(&BOP_MG.analog(true)), ["CURR:MODE EXT"]);
         assert_eq!(words(&BOP_LINEAR.prepare(&limits)), ["FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000"]);
         assert_eq!(BOP_LINEAR.analog(true), []);
+        // What is said of the limit is what is sent.
+        for supply in [&BOP_MG, &BOP_LINEAR] {
+            let sent = words(&supply.prepare(&limits)).iter().any(|message| message.starts_with("CURR:LIM "));
+            assert_eq!(supply.capabilities().current_limit, sent, "{}", supply.key);
+        }
     }
 
     #[test]

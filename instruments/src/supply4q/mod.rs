@@ -27,6 +27,9 @@ pub enum AnalogSelect {
 pub struct Capabilities {
     /// How the analog input is selected.
     pub analog_select: AnalogSelect,
+    /// A limit of the current can be sent that holds while the analog input commands the output. Without it the output follows the generator up to
+    /// its rated current.
+    pub current_limit: bool,
     /// Rated current; ± this is full scale of the analog input.
     pub full_scale: Amps,
     /// Up to here the output follows the analog input within a few per cent.
@@ -40,7 +43,7 @@ pub struct Capabilities {
 pub struct Limits {
     /// Compliance voltage in current mode.
     pub compliance: Volts,
-    /// Greatest current of either sign.
+    /// Greatest current of either sign; sent where [`Capabilities::current_limit`] says so.
     pub current: Amps,
 }
 
