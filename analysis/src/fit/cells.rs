@@ -11,21 +11,23 @@ use serde::{Deserialize, Serialize};
 pub struct CellSweeps {
     /// Which cell, as the file calls it.
     pub cell: String,
+    /// True where file or name tells the cell; else the sweep is a cell of its own for want of better knowledge.
+    pub named: bool,
     /// Its sweeps.
     pub sweeps: Vec<Spectrum>,
 }
 
 impl CellSweeps {
-    /// Sorts sweeps by the cell that their files name; a sweep whose file names none is a cell of its own.
+    /// Sorts sweeps by the cell that their files or names tell; a sweep that tells none is a cell of its own.
     pub fn sort(sourced: &[SourcedSpectrum]) -> Vec<Self> {
         let mut cells: Vec<(Option<&str>, Self)> = Vec::new();
-        for SourcedSpectrum { origin, spectrum } in sourced {
-            let key = origin.cell.as_deref();
+        for one in sourced {
+            let (key, spectrum) = (one.cell(), &one.spectrum);
             match cells.iter_mut().find(|(k, _)| k.is_some() && *k == key) {
                 Some((_, cell)) => cell.sweeps.push(spectrum.clone()),
                 None => {
-                    let name = key.map_or_else(|| spectrum.name.clone(), |k| format!("cell {k}"));
-                    cells.push((key, Self { cell: name, sweeps: vec![spectrum.clone()] }));
+                    let cell = key.map_or_else(|| spectrum.name.clone(), |k| format!("cell {k}"));
+                    cells.push((key, Self { cell, named: key.is_some(), sweeps: vec![spectrum.clone()] }));
                 }
             }
         }
@@ -170,6 +172,24 @@ mod tests {
 
     fn normal(rng: &mut Rng) -> f64 {
         (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos()
+    }
+
+    #[test]
+    fn file_and_name_tell_the_cell() {
+        use crate::formats::Origin;
+        let one = |name: &str, cell: Option<&str>| SourcedSpectrum {
+            origin: Origin { cell: cell.map(str::to_owned), ..Origin::default() },
+            spectrum: Spectrum { name: name.to_owned(), points: Vec::new() },
+        };
+        let names = ["cell0_0", "cell10_0", "cell0_1", "cellm2_0", "cellm2_1", "cell7", "lot_1", "lot_2", "cell_1", "cell0_x"];
+        let mut all: Vec<SourcedSpectrum> = names.iter().map(|name| one(name, None)).collect();
+        all.extend([one("table", Some("0")), one("cell10_4", Some("9"))]);
+        let met: Vec<(String, bool, usize)> = CellSweeps::sort(&all).into_iter().map(|c| (c.cell, c.named, c.sweeps.len())).collect();
+        let own = |name: &str| (name.to_owned(), false, 1);
+        let mut expected = vec![("cell 0".to_owned(), true, 3), ("cell 10".to_owned(), true, 1)];
+        expected.extend(["cellm2_0", "cellm2_1", "cell7", "lot_1", "lot_2", "cell_1", "cell0_x"].map(own));
+        expected.push(("cell 9".to_owned(), true, 1));
+        assert_eq!(met, expected);
     }
 
     #[test]

@@ -62,8 +62,8 @@ pub enum PooledError {
 }
 
 impl PooledSpectrum {
-    /// Pools spectra of one kind of cell, all at the same frequencies. Which spectrum is of which cell is told by the file, or by the name up to its
-    /// last underscore.
+    /// Pools spectra of one kind of cell, all at the same frequencies. Which spectrum is of which cell is told by the file or by a name like
+    /// `cell0_3`; one that tells none is a cell of its own.
     ///
     /// # Errors
     /// [`PooledError`] for no spectra or frequencies that differ.
@@ -155,8 +155,7 @@ fn smoothed(residuals: &[Vec<Complex64>]) -> Vec<Covariance2> {
 fn by_cell(spectra: &[SourcedSpectrum]) -> Vec<(String, Vec<&SourcedSpectrum>)> {
     let mut cells: Vec<(String, Vec<&SourcedSpectrum>)> = Vec::new();
     for s in spectra {
-        let name = &s.spectrum.name;
-        let key = s.origin.cell.clone().unwrap_or_else(|| name.rsplit_once('_').map_or(name.as_str(), |(cell, _)| cell).to_owned());
+        let key = s.cell().unwrap_or(&s.spectrum.name).to_owned();
         match cells.iter_mut().find(|(k, _)| *k == key) {
             Some((_, members)) => members.push(s),
             None => cells.push((key, vec![s])),
