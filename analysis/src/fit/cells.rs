@@ -11,21 +11,23 @@ use serde::{Deserialize, Serialize};
 pub struct CellSweeps {
     /// Which cell, as the file calls it.
     pub cell: String,
+    /// True where file or name tells the cell; else the sweep is a cell of its own for want of better knowledge.
+    pub named: bool,
     /// Its sweeps.
     pub sweeps: Vec<Spectrum>,
 }
 
 impl CellSweeps {
-    /// Sorts sweeps by the cell that their files name ([`SourcedSpectrum::cell`]); a sweep whose file names none is a cell of its own.
+    /// Sorts sweeps by the cell that their files or names tell; a sweep that tells none is a cell of its own.
     pub fn sort(sourced: &[SourcedSpectrum]) -> Vec<Self> {
         let mut cells: Vec<(Option<&str>, Self)> = Vec::new();
-        for sourced in sourced {
-            let (key, spectrum) = (sourced.cell(), &sourced.spectrum);
+        for one in sourced {
+            let (key, spectrum) = (one.cell(), &one.spectrum);
             match cells.iter_mut().find(|(k, _)| k.is_some() && *k == key) {
                 Some((_, cell)) => cell.sweeps.push(spectrum.clone()),
                 None => {
-                    let name = key.map_or_else(|| spectrum.name.clone(), |k| format!("cell {k}"));
-                    cells.push((key, Self { cell: name, sweeps: vec![spectrum.clone()] }));
+                    let cell = key.map_or_else(|| spectrum.name.clone(), |k| format!("cell {k}"));
+                    cells.push((key, Self { cell, named: key.is_some(), sweeps: vec![spectrum.clone()] }));
                 }
             }
         }
@@ -173,15 +175,21 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_is_known_by_its_file_or_by_the_name_of_its_sweep() {
-        let sweep = |name: &str, cell: Option<&str>| SourcedSpectrum {
-            origin: crate::formats::Origin { cell: cell.map(str::to_owned), ..Default::default() },
+    fn file_and_name_tell_the_cell() {
+        use crate::formats::Origin;
+        let one = |name: &str, cell: Option<&str>| SourcedSpectrum {
+            origin: Origin { cell: cell.map(str::to_owned), ..Origin::default() },
             spectrum: Spectrum { name: name.to_owned(), points: Vec::new() },
         };
-        let sourced =
-            [sweep("cell0_0", None), sweep("cell0_1", None), sweep("cell1_0", None), sweep("a", Some("1")), sweep("my_cell", None)];
-        let cells: Vec<(String, usize)> = CellSweeps::sort(&sourced).into_iter().map(|c| (c.cell, c.sweeps.len())).collect();
-        assert_eq!(cells, [("cell 0".to_owned(), 2), ("cell 1".to_owned(), 2), ("my_cell".to_owned(), 1)]);
+        let names = ["cell0_0", "cell10_0", "cell0_1", "cellm2_0", "cellm2_1", "cell7", "lot_1", "lot_2", "cell_1", "cell0_x"];
+        let mut all: Vec<SourcedSpectrum> = names.iter().map(|name| one(name, None)).collect();
+        all.extend([one("table", Some("0")), one("cell10_4", Some("9"))]);
+        let met: Vec<(String, bool, usize)> = CellSweeps::sort(&all).into_iter().map(|c| (c.cell, c.named, c.sweeps.len())).collect();
+        let own = |name: &str| (name.to_owned(), false, 1);
+        let mut expected = vec![("cell 0".to_owned(), true, 3), ("cell 10".to_owned(), true, 1)];
+        expected.extend(["cellm2_0", "cellm2_1", "cell7", "lot_1", "lot_2", "cell_1", "cell0_x"].map(own));
+        expected.push(("cell 9".to_owned(), true, 1));
+        assert_eq!(met, expected);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! The fit of an extended Randles model: global search, polish, uncertainty.
 
+use super::cells::CellSweeps;
+use super::clusters::Clusters;
 use super::minima::{LocalMinimum, other_minima};
 use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
 use super::problem::{Problem, impedance};
@@ -23,6 +25,9 @@ pub struct ErmFit {
     pub points: usize,
     /// Number of spectra pooled.
     pub spectra: usize,
+    /// Number of cells whose scatter the sigmas rest on; none where they rest on the noise of points or sweeps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cells: Option<usize>,
     /// Standard uncertainty (1σ) of the parameters.
     pub sigma: ErmSigma,
     /// Covariance of the logarithmic parameters ln R, ln R₁, ln C₁, … (so: relative), row by row; none when the data do not fix them all.
@@ -49,14 +54,20 @@ pub struct ErmFit {
 /// # Errors
 /// [`FitError`] for options or data that cannot be fitted: no points, points that are no impedances, more parameters than numbers, bad bounds.
 pub fn fit_erm(spectra: &[Spectrum], options: &FitOptions) -> Result<ErmFit, FitError> {
-    fit_erm_from(spectra, options, 0)
+    fit(spectra, options, (&Clusters::sweeps(spectra.len()), 0))
 }
 
-/// As [`fit_erm`], with `starts` more descents from random time constants: surer, and it meets more of the other minima.
+/// As [`fit_erm`], with sigmas from the scatter of the cells where two or more are known, and with `starts` more descents from random time
+/// constants: surer, and it meets more of the other minima.
 ///
 /// # Errors
 /// As [`fit_erm`].
-pub fn fit_erm_from(spectra: &[Spectrum], options: &FitOptions, starts: usize) -> Result<ErmFit, FitError> {
+pub fn fit_cells(cells: &[CellSweeps], options: &FitOptions, starts: usize) -> Result<ErmFit, FitError> {
+    let (spectra, clusters) = Clusters::of_cells(cells);
+    fit(&spectra, options, (&clusters, starts))
+}
+
+fn fit(spectra: &[Spectrum], options: &FitOptions, (clusters, starts): (&Clusters, usize)) -> Result<ErmFit, FitError> {
     options.check()?;
     check_spectra(spectra)?;
     let problem = Problem::new(spectra, options.objective);
@@ -64,12 +75,13 @@ pub fn fit_erm_from(spectra: &[Spectrum], options: &FitOptions, starts: usize) -
     let found = search(&problem, options, starts);
     let minimum = &found.deepest.minimum;
     let erm = to_erm(&minimum.x).ordered();
-    let uncertainty = Uncertainty::of(&problem, &erm, options, spectra.len());
+    let uncertainty = Uncertainty::of(&problem, &erm, options, clusters);
     let mut fit = ErmFit {
         objective: minimum.value,
         objective_kind: options.objective,
         points: problem.points,
         spectra: spectra.len(),
+        cells: clusters.cells().filter(|_| !problem.absolute_weights),
         rms_ohm: rms_ohm(&problem, &minimum.x),
         reduced_chi2: problem.absolute_weights.then_some(minimum.value / uncertainty.freedom).filter(|c| c.is_finite()),
         sigma: uncertainty.sigma,
@@ -81,6 +93,7 @@ pub fn fit_erm_from(spectra: &[Spectrum], options: &FitOptions, starts: usize) -
         seed: options.seed,
     };
     fit.warnings = warnings(&fit, &problem, spectra, minimum.converged);
+    fit.warnings.extend(clusters.remark(problem.absolute_weights));
     Ok(fit)
 }
 

@@ -167,6 +167,19 @@ impl ModelFile {
         }
     }
 
+    /// The order said is the model's, and the covariance has a row and a column for each of its parameters.
+    fn check_size(&self) -> Result<(), JsonError> {
+        let (branches, parameters) = (self.fit.erm.branches.len(), self.fit.erm.parameter_count());
+        if self.rc != branches {
+            return Err(JsonError::Order { rc: self.rc, branches });
+        }
+        let Some(rows) = &self.fit.log_covariance else { return Ok(()) };
+        match rows.iter().map(Vec::len).find(|columns| *columns != parameters) {
+            None if rows.len() == parameters => Ok(()),
+            columns => Err(JsonError::Covariance { parameters, rows: rows.len(), columns: columns.unwrap_or(parameters) }),
+        }
+    }
+
     /// The file's text.
     ///
     /// # Errors
@@ -194,6 +207,7 @@ impl ModelFile {
         }
         let file: Self = serde_json::from_str(text)?;
         file.fit.erm.validate()?;
+        file.check_size()?;
         if let Some(ocv) = &file.ocv {
             ocv.validate()?;
         }
@@ -218,6 +232,26 @@ pub enum JsonError {
     Version {
         /// The version met.
         met: u32,
+    },
+    /// An order that is not the model's.
+    #[error("model file: expected rc to be the number of fit.erm.branches, {branches}, met {rc}")]
+    Order {
+        /// The order said.
+        rc: usize,
+        /// Branches of the model.
+        branches: usize,
+    },
+    /// A covariance of other parameters.
+    #[error(
+        "model file: fit.log_covariance: expected {parameters} rows and columns for as many parameters, met {rows} rows, one of {columns} columns"
+    )]
+    Covariance {
+        /// Parameters of the model.
+        parameters: usize,
+        /// Rows met.
+        rows: usize,
+        /// Columns of the first wrong row.
+        columns: usize,
     },
     /// A model that cannot be a cell's.
     #[error("model file: {0}")]

@@ -1,6 +1,6 @@
 //! Parameters of the extended Randles model from impedance spectra.
 //!
-//! [`fit_erm`] pools the spectra, searches globally over the time constants (the resistances are linear once these are held), polishes the
+//! [`fit_erm`] (or [`fit_cells`], where it is known which sweeps share a cell) pools the spectra, searches globally over the time constants (the resistances are linear once these are held), polishes the
 //! distinct basins to the last digits within the bounds, and says how well the data fix each parameter. It needs no start values.
 //! [`select_order`] says how many branches the data bear, [`profiles`] what bounds each parameter, [`cell_spread`] how cells differ and repeat,
 //! [`survey_seeds`] how surely the search ends at the best and what lies beside it. [`fit_circuit`] fits any equivalent circuit.
@@ -8,7 +8,9 @@
 mod batch;
 mod cells;
 mod circuit;
+mod clusters;
 mod erm;
+mod evidence;
 mod global;
 mod json;
 pub(crate) mod linalg;
@@ -29,8 +31,8 @@ mod warnings;
 mod whiteness;
 
 pub use cells::{CellSweeps, Components, FrequencySpread, components, frequency_spread};
-pub use circuit::{CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit};
-pub use erm::{ErmFit, fit_erm, fit_erm_from};
+pub use circuit::{CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit, fit_circuit_cells};
+pub use erm::{ErmFit, fit_cells, fit_erm};
 pub use global::{Columns, DeOptions, Evolution, Member, Strategy, differential_evolution};
 pub use json::{FitEntry, FitReport, JointProvenance, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile, PackModel};
 pub use local::{LocalOptions, Minimum, Smooth, minimise};

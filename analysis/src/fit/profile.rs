@@ -4,7 +4,7 @@
 //! The rise of the objective is turned into Δχ² by the noise: χ² itself where every point has a covariance (widened by the reduced χ² above one),
 //! the reduced χ² where none is known; for other objectives and for spectra enough to show their own scatter by the ratio of curvature to the
 //! stated variance of the parameter (Pace, Salvan and Sartori, 2011), so that near the minimum profile and sigma agree. Limits are squares of
-//! Student's t, for the noise is known no better than its degrees of freedom.
+//! Student's t, for the noise is known no better than its degrees of freedom: of few cells, their number less one.
 
 use super::erm::ErmFit;
 use super::linalg::invert;
@@ -13,7 +13,7 @@ use super::options::{FitError, FitOptions, Objective, check_spectra};
 use super::problem::Problem;
 use super::search::{log_bounds, polish, sharp};
 use super::stats::t_factor;
-use super::uncertainty::{rounded, scatters_by_spectrum};
+use super::uncertainty::rounded;
 use crate::spectrum::Spectrum;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -117,10 +117,13 @@ impl<'a> Walk<'a> {
         let per_point = if problem.kind == Objective::Modulus { 1 } else { 2 };
         let freedom = (per_point * problem.points).saturating_sub(n) as f64;
         let (mut gradient, mut hessian) = (vec![0.0; n], vec![0.0; n * n]);
-        rounded(problem, &best.x).expand(&best.x, &mut gradient, &mut hessian);
+        rounded(problem, &best.x, fit.cells.is_some()).expand(&best.x, &mut gradient, &mut hessian);
         let noise = best.value / freedom;
         let noise = if problem.absolute_weights { noise.max(1.0) } else { noise };
-        let by_covariance = problem.kind == Objective::SumAbs || scatters_by_spectrum(problem, fit.spectra, n);
+        let clustered = !problem.absolute_weights && (fit.cells.is_some() || fit.spectra > n);
+        let by_covariance = problem.kind == Objective::SumAbs || clustered;
+        // Sigmas from the scatter of few cells are known no better than by so many.
+        let freedom = fit.cells.map_or(freedom, |cells| (cells as f64 - 1.0).max(1.0));
         Self { problem, bounds, best, noise, freedom, inverse: invert(&hessian, n), by_covariance }
     }
 

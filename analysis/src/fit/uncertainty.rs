@@ -1,23 +1,15 @@
-//! How well the data fix the parameters.
-//!
-//! With weights that are inverse covariances: (JᵀWJ)⁻¹, widened by the reduced χ² where that exceeds one (Birge's ratio). Without them, over
-//! fewer spectra than parameters: noise proportional to |Z|, its size from the residuals. Otherwise the sandwich H⁻¹BH⁻¹ of an M-estimator
-//! (Huber, 1967), H the Hessian of the objective and B the scatter of its gradient over whole spectra, because the points of one sweep share
-//! its cell and its contacts. (Over the points of one sweep of 20 the sandwich was measured to state two thirds of the scatter of repeats.) A
-//! parameter held by a bound has no sigma.
+//! How well the data fix the parameters of the extended Randles model; what the data say is [`Evidence`]'s. A parameter held by a bound has no
+//! sigma.
 
+use super::clusters::Clusters;
+use super::evidence::{CELL_CORNER, Evidence, FrequencyShare, NORM_CORNER, Normal, PointShare};
 use super::linalg::invert;
 use super::local::Smooth;
 use super::options::{FitOptions, Objective};
-use super::problem::{Group, Problem, Sym2, impedance};
+use super::problem::{Group, Problem, impedance, quadratic};
 use super::search::log_bounds;
 use crate::model::Erm;
 use serde::{Deserialize, Serialize};
-
-/// Corner of the norm, in median residuals, for the Hessian of a sum of norms over many spectra. The fit runs right through some points, whose
-/// curvature 1/|r| says nothing of the noise. For normal noise this corner makes the sigmas 3 % large; rounding the gradients too, 0.5 with both
-/// once made them 6 % small.
-const NORM_CORNER: f64 = 0.25;
 
 /// Standard uncertainty of a branch; none where the data do not fix it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -49,14 +41,14 @@ pub(crate) struct Uncertainty {
 }
 
 impl Uncertainty {
-    pub(crate) fn of(problem: &Problem, erm: &Erm, options: &FitOptions, spectra: usize) -> Self {
+    pub(crate) fn of(problem: &Problem, erm: &Erm, options: &FitOptions, clusters: &Clusters) -> Self {
         let x = erm.log_parameters();
         let n = x.len();
         let per_point = if problem.kind == Objective::Modulus { 1 } else { 2 };
         let freedom = (per_point * problem.points).saturating_sub(n) as f64;
         let bounds = log_bounds(options);
         let free: Vec<usize> = (0..n).filter(|i| x[*i] > bounds[*i].0 + 1e-9 && x[*i] < bounds[*i].1 - 1e-9).collect();
-        let covariance = covariance(problem, &x, &free, (freedom, spectra));
+        let covariance = covariance(problem, &x, &free, (freedom, clusters));
         let entry = |i: usize, j: usize| -> Option<f64> {
             let (row, column) = (free.iter().position(|f| *f == i)?, free.iter().position(|f| *f == j)?);
             covariance.as_ref().map(|c| c[row * free.len() + column])
@@ -92,65 +84,51 @@ pub(crate) fn sigma_of(erm: &Erm, entry: &impl Fn(usize, usize) -> Option<f64>) 
 }
 
 /// Covariance of the free logarithmic parameters, row-major; none when the data do not fix them or leave no freedom to tell.
-fn covariance(problem: &Problem, x: &[f64], free: &[usize], (freedom, spectra): (f64, usize)) -> Option<Vec<f64>> {
+fn covariance(problem: &Problem, x: &[f64], free: &[usize], (freedom, clusters): (f64, &Clusters)) -> Option<Vec<f64>> {
     let (n, m) = (x.len(), free.len());
-    let of_free = |h: &[f64]| free.iter().flat_map(|i| free.iter().map(|j| h[i * n + j]).collect::<Vec<_>>()).collect::<Vec<f64>>();
-    let scaled = |matrix: Vec<f64>, by: f64| Some(matrix.iter().map(|v| v * by).collect::<Vec<f64>>());
-    if problem.absolute_weights {
-        let widening = if freedom > 0.0 { (problem.value(x) / freedom).max(1.0) } else { 1.0 };
-        return scaled(invert(&of_free(&information(problem, x, |g| g.weight)), m)?, 2.0 * widening);
-    }
-    if freedom <= 0.0 {
-        return None;
-    }
-    let numbers = freedom + n as f64;
-    let by_spectrum = scatters_by_spectrum(problem, spectra, n);
-    if problem.kind == Objective::Complex && !by_spectrum {
-        return scaled(invert(&of_free(&information(problem, x, |g| g.weight)), m)?, 2.0 * problem.value(x) / freedom);
-    }
-    if problem.kind == Objective::SumAbs && !by_spectrum {
-        let (bread, meat) = norms_under_noise(problem, x, numbers / freedom);
-        return sandwich(&invert(&of_free(&bread), m)?, &of_free(&meat), m, 1.0);
-    }
-    let (mut gradient, mut hessian) = (vec![0.0; n], vec![0.0; n * n]);
-    rounded(problem, x).expand(x, &mut gradient, &mut hessian);
-    let bread = invert(&of_free(&hessian), m)?;
-    let meat = gradient_scatter(problem, x, free, by_spectrum.then_some(spectra));
-    let small_sample = if by_spectrum { spectra as f64 / (spectra as f64 - 1.0) * numbers / freedom } else { numbers / freedom };
-    sandwich(&bread, &meat, m, small_sample)
-}
-
-fn sandwich(bread: &[f64], meat: &[f64], m: usize, by: f64) -> Option<Vec<f64>> {
-    let half = multiply(bread, meat, m);
-    Some(multiply(&half, bread, m).iter().map(|v| v * by).collect())
-}
-
-/// Hessian and gradient scatter of a sum of norms under normal noise proportional to |Z|, equal in both parts: with σ per part the mean of 1/|r|
-/// is √(π/2)/σ, and |r| itself has the mean σ√(π/2), from which σ is read. `excess` is numbers over degrees of freedom.
-fn norms_under_noise(problem: &Problem, x: &[f64], excess: f64) -> (Vec<f64>, Vec<f64>) {
-    let relative = |g: &Group| {
-        let z = impedance(x, g.freq_hz);
-        g.points.iter().map(|p| (z - p.z).norm() / z.norm()).sum::<f64>()
+    let evidence = Evidence {
+        kind: problem.kind,
+        absolute_weights: problem.absolute_weights,
+        value: problem.value(x),
+        numbers: freedom + n as f64,
+        freedom,
+        clusters,
+        frequencies: shares(problem, x, free)?,
     };
-    let mean = problem.groups.iter().map(relative).sum::<f64>() / problem.points as f64;
-    let sigma = mean * excess.sqrt() / std::f64::consts::FRAC_PI_2.sqrt();
-    // [`information`] doubles what it is given.
-    let quarter = |g: &Group| 0.25 * g.points.len() as f64;
-    let bread = |g: &Group| {
-        let w = quarter(g) * std::f64::consts::FRAC_PI_2.sqrt() / (sigma * impedance(x, g.freq_hz).norm()).max(f64::MIN_POSITIVE);
-        [w, 0.0, w]
+    let hessian = |corner: f64| {
+        let (mut gradient, mut hessian) = (vec![0.0; n], vec![0.0; n * n]);
+        problem.smoothed(corner.max(1e-6 * problem.scale_ohm)).expand(x, &mut gradient, &mut hessian);
+        free.iter().flat_map(|i| free.iter().map(|j| hessian[i * n + j]).collect::<Vec<f64>>()).collect()
     };
-    (information(problem, x, bread), information(problem, x, |g| [quarter(g), 0.0, quarter(g)]))
+    let Normal { bread, meat, factor } = evidence.normal(hessian);
+    let (inverse, factor) = (invert(&bread, m)?, factor?);
+    let covariance = match meat {
+        Some(meat) => multiply(&multiply(&inverse, &meat, m), &inverse, m),
+        None => inverse,
+    };
+    Some(covariance.iter().map(|v| v * factor).collect())
 }
 
-/// The problem with the norm's corner as round as the residuals are large.
-pub(super) fn rounded(problem: &Problem, x: &[f64]) -> Problem {
-    problem.smoothed(NORM_CORNER * median_residual_ohm(problem, x).max(1e-6 * problem.scale_ohm))
+/// Every frequency at the optimum; none for parameters that make no model.
+fn shares(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<FrequencyShare>> {
+    let erm = Erm::from_log_parameters(x).ok()?;
+    let of = |g: &Group| {
+        let (z, slopes) = (erm.impedance(g.freq_hz), erm.log_gradient(g.freq_hz));
+        let point = |p: &super::problem::DataPoint| PointShare {
+            norm: quadratic(&p.weight, z - p.z).sqrt(),
+            size: z.norm(),
+            weight: p.weight,
+            gradient: problem.point_gradient(p, z),
+            spectrum: p.spectrum,
+        };
+        FrequencyShare { slopes: free.iter().map(|i| slopes[*i]).collect(), weight: g.weight, points: g.points.iter().map(point).collect() }
+    };
+    Some(problem.groups.iter().map(of).collect())
 }
 
-/// Enough spectra to take their own scatter instead of that of points.
-pub(super) fn scatters_by_spectrum(problem: &Problem, spectra: usize, parameters: usize) -> bool {
-    !problem.absolute_weights && spectra > parameters
+/// The problem with the norm's corner as round as the residuals are large, as for the sigmas.
+pub(super) fn rounded(problem: &Problem, x: &[f64], by_cell: bool) -> Problem {
+    problem.smoothed(if by_cell { CELL_CORNER } else { NORM_CORNER } * median_residual_ohm(problem, x).max(1e-6 * problem.scale_ohm))
 }
 
 fn median_residual_ohm(problem: &Problem, x: &[f64]) -> f64 {
@@ -161,51 +139,6 @@ fn median_residual_ohm(problem: &Problem, x: &[f64]) -> f64 {
     let mut residuals: Vec<f64> = problem.groups.iter().flat_map(of).collect();
     residuals.sort_by(f64::total_cmp);
     residuals.get(residuals.len() / 2).copied().unwrap_or(0.0)
-}
-
-/// 2JᵀWJ with respect to the logarithmic parameters, W by frequency.
-fn information(problem: &Problem, x: &[f64], weight: impl Fn(&Group) -> Sym2) -> Vec<f64> {
-    let n = x.len();
-    let mut sum = vec![0.0; n * n];
-    let Ok(erm) = Erm::from_log_parameters(x) else { return sum };
-    for g in &problem.groups {
-        let slopes = erm.log_gradient(g.freq_hz);
-        let [xx, xy, yy] = weight(g);
-        for (i, a) in slopes.iter().enumerate() {
-            for (j, b) in slopes.iter().enumerate() {
-                sum[i * n + j] += 2.0 * (xx * a.re * b.re + xy * (a.re * b.im + a.im * b.re) + yy * a.im * b.im);
-            }
-        }
-    }
-    sum
-}
-
-/// Σ gᵢgᵢᵀ over the gradients of the objective's shares: of whole spectra, or of single points.
-fn gradient_scatter(problem: &Problem, x: &[f64], free: &[usize], spectra: Option<usize>) -> Vec<f64> {
-    let m = free.len();
-    let mut sum = vec![0.0; m * m];
-    let mut add = |g: &[f64]| {
-        for i in 0..m {
-            for j in 0..m {
-                sum[i * m + j] += g[i] * g[j];
-            }
-        }
-    };
-    let Ok(erm) = Erm::from_log_parameters(x) else { return sum };
-    let mut clusters = vec![vec![0.0; m]; spectra.unwrap_or(0)];
-    for g in &problem.groups {
-        let (z, slopes) = (erm.impedance(g.freq_hz), erm.log_gradient(g.freq_hz));
-        for p in &g.points {
-            let [gx, gy] = problem.point_gradient(p, z);
-            let share: Vec<f64> = free.iter().map(|i| gx * slopes[*i].re + gy * slopes[*i].im).collect();
-            match clusters.get_mut(p.spectrum) {
-                Some(cluster) => cluster.iter_mut().zip(&share).for_each(|(c, s)| *c += s),
-                None => add(&share),
-            }
-        }
-    }
-    clusters.iter().for_each(|c| add(c));
-    sum
 }
 
 fn multiply(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {

@@ -57,15 +57,17 @@ pub struct SourcedSpectrum {
 }
 
 impl SourcedSpectrum {
-    /// Which cell it is of: as the file says, else by a name such as `cell3_1` (the thesis' files: cell 3, repeat 1).
+    /// Which cell it is of: as the file's column tells, else as the name does; none where neither tells.
     pub fn cell(&self) -> Option<&str> {
-        let by_name = || {
-            let (cell, repeat) = self.spectrum.name.rsplit_once('_')?;
-            let is_repeat = !repeat.is_empty() && repeat.bytes().all(|b| b.is_ascii_digit());
-            is_repeat.then(|| cell.strip_prefix("cell").filter(|rest| !rest.is_empty()).unwrap_or(cell))
-        };
-        self.origin.cell.as_deref().or_else(by_name)
+        self.origin.cell.as_deref().or_else(|| cell_in_name(&self.spectrum.name))
     }
+}
+
+/// The number of the cell in a name like `cell0_3`, cell and repeat; none of another form, as `cellm2_0`, which was taken under bias.
+pub(crate) fn cell_in_name(name: &str) -> Option<&str> {
+    let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    let (cell, repeat) = name.strip_prefix("cell")?.split_once('_')?;
+    (number(cell) && number(repeat)).then_some(cell)
 }
 
 /// Reads all spectra of a file, in the order of their first row.

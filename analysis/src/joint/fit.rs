@@ -158,6 +158,7 @@ impl JointFit {
             objective_kind: Objective::Complex,
             points: spectrum.points.len() + self.pulses_chi2.1,
             spectra: spectrum.sweeps,
+            cells: None,
             sigma: self.sigma.clone(),
             log_covariance: self.covariance.as_ref().map(|c| c[..parameters].iter().map(|row| row[..parameters].to_vec()).collect()),
             rms_ohm: (square / spectrum.points.len() as f64).sqrt(),

@@ -62,8 +62,8 @@ pub enum PooledError {
 }
 
 impl PooledSpectrum {
-    /// Pools spectra of one kind of cell, all at the same frequencies. Which spectrum is of which cell is told by the file, or by the name up to its
-    /// last underscore.
+    /// Pools spectra of one kind of cell, all at the same frequencies. Which spectrum is of which cell is told by the file or by a name like
+    /// `cell0_3`; one that tells none is a cell of its own.
     ///
     /// # Errors
     /// [`PooledError`] for no spectra or frequencies that differ.

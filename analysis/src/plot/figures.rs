@@ -2,6 +2,7 @@
 
 use super::{ImpedancePlot, PlotError, Series, SeriesStyle, nyquist};
 use crate::fit::ErmFit;
+use crate::formats::cell_in_name;
 use crate::spectrum::Spectrum;
 use std::path::{Path, PathBuf};
 
@@ -51,7 +52,7 @@ pub fn sweeps_figure(sweeps: &[Spectrum]) -> ImpedancePlot {
         let colour = cells.iter().position(|c| *c == cell).unwrap_or(0);
         let first = !seen.contains(&colour);
         seen.push(colour);
-        let label = first.then(|| cell.replacen("cell", "cell ", 1));
+        let label = first.then_some(cell);
         Series::data(s, colour).styled(SeriesStyle::Cloud).labelled(label.as_deref())
     });
     let title = format!("Measured impedance, {}", count(sweeps, &cells));
@@ -103,14 +104,14 @@ fn unit(fit: &ErmFit) -> &'static str {
     if fit.objective_kind == Objective::Modulus { "mΩ²" } else { fit.objective_kind.unit() }
 }
 
-/// The part of a name before the repeat: `cell0` of `cell0_3`.
-fn cell_of(name: &str) -> &str {
-    name.rsplit_once('_').map_or(name, |(cell, _)| cell)
+/// `cell 0` of `cell0_3`; a name that tells no cell stands for one of its own.
+fn cell_of(name: &str) -> String {
+    cell_in_name(name).map_or_else(|| name.to_owned(), |cell| format!("cell {cell}"))
 }
 
 /// Distinct cells in the order of their first sweep.
-fn cells(sweeps: &[Spectrum]) -> Vec<&str> {
-    let mut cells: Vec<&str> = Vec::new();
+fn cells(sweeps: &[Spectrum]) -> Vec<String> {
+    let mut cells: Vec<String> = Vec::new();
     for s in sweeps {
         if !cells.contains(&cell_of(&s.name)) {
             cells.push(cell_of(&s.name));
@@ -119,7 +120,7 @@ fn cells(sweeps: &[Spectrum]) -> Vec<&str> {
     cells
 }
 
-fn count(sweeps: &[Spectrum], cells: &[&str]) -> String {
+fn count(sweeps: &[Spectrum], cells: &[String]) -> String {
     let plural = |n: usize, word: &str| format!("{n} {word}{}", if n == 1 { "" } else { "s" });
     format!("{} of {}", plural(sweeps.len(), "sweep"), plural(cells.len(), "cell"))
 }

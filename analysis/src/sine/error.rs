@@ -53,7 +53,7 @@ pub enum SineError {
         freq_hz: f64,
         /// Periods in the record.
         periods: f64,
-        /// [`MIN_PERIODS`].
+        /// [`super::MIN_PERIODS`].
         needed: f64,
     },
     /// Too few samples are left to fit.
@@ -61,7 +61,7 @@ pub enum SineError {
     TooFewSamples {
         /// Channel, counted from 1.
         channel: usize,
-        /// [`MIN_SAMPLES`].
+        /// [`super::MIN_SAMPLES`].
         needed: usize,
         /// Usable samples.
         found: usize,

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use analysis::{
     dataset,
-    fit::{Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective, PackModel, fit_erm_from},
+    fit::{Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective, PackModel, fit_cells},
     formats::{SourcedSpectrum, read_sourced},
     pack::Pack,
     plot::{self, FigureInput, ImpedancePlot, Series, SeriesStyle},
@@ -39,7 +39,7 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
         return super::fit_circuit::fit_circuit(args, circuit);
     }
     let orders = orders(&args.rc)?;
-    let objective: Objective = args.objective.parse().map_err(|error| Failure::Usage(format!("--objective: {error}")))?;
+    let objective: Objective = args.objective.parse().map_err(|error| Failure::Usage(format!("--{error}")))?;
     let (cells, others) = read(args)?;
     let groups: Vec<(String, Vec<SourcedSpectrum>)> = if args.pool {
         vec![("pooled".to_owned(), cells)]
@@ -73,7 +73,7 @@ fn fit_group(
     let mut fits = Vec::new();
     for &rc in orders.unwrap_or(&chosen) {
         let options = FitOptions { rc, objective, seed: args.seed, bounds: Bounds::for_spectra(&spectra) };
-        let fit = fit_erm_from(&spectra, &options, args.more.starts.unwrap_or(0))
+        let fit = fit_cells(&cells, &options, args.more.starts.unwrap_or(0))
             .map_err(|error| Failure::Usage(format!("{name}, {rc} RC: {error}")))?;
         if !fit.objective.is_finite() {
             return Err(Failure::Usage(format!("{name}, {rc} RC: expected impedances that can be squared, found too large ones")));

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use analysis::{
     dataset,
-    fit::{CircuitFit, CircuitOptions, Objective, Search, State, Weight, fit_circuit as fit_one},
+    fit::{CellSweeps, CircuitFit, CircuitOptions, Objective, Search, State, Weight, fit_circuit_cells},
+    formats::SourcedSpectrum,
     model::Circuit,
     plot::{self, ImpedancePlot, Series, SeriesStyle},
     report::{Figure, Level, Report, Table, Verdict},
@@ -60,15 +61,16 @@ pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
     let circuit: Circuit = text.parse().map_err(|error| Failure::Usage(format!("--circuit: {error}")))?;
     let options = options(args, &circuit)?;
     let (cells, _) = read(args)?;
-    let cells: Vec<Spectrum> = cells.into_iter().map(|sourced| sourced.spectrum).collect();
-    let groups: Vec<(String, Vec<Spectrum>)> = if args.pool {
+    let groups: Vec<(String, Vec<SourcedSpectrum>)> = if args.pool {
         vec![("pooled".to_owned(), cells)]
     } else {
-        cells.into_iter().map(|spectrum| (spectrum.name.clone(), vec![spectrum])).collect()
+        cells.into_iter().map(|sourced| (sourced.spectrum.name.clone(), vec![sourced])).collect()
     };
     let mut fitted = Vec::new();
-    for (name, spectra) in groups {
-        let fit = fit_one(&spectra, &circuit, &options).map_err(|error| Failure::Usage(format!("{name}: {error}")))?;
+    for (name, sweeps) in groups {
+        let fit = fit_circuit_cells(&CellSweeps::sort(&sweeps), &circuit, &options)
+            .map_err(|error| Failure::Usage(format!("{name}: {error}")))?;
+        let spectra = sweeps.into_iter().map(|sourced| sourced.spectrum).collect();
         fitted.push(Group { name, spectra, fit });
     }
     if let Some(folder) = &args.out {
@@ -89,14 +91,15 @@ pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
 }
 
 fn options(args: &FitArgs, circuit: &Circuit) -> Result<CircuitOptions, Failure> {
-    let usage = |name: &'static str| move |error: &dyn std::fmt::Display| Failure::Usage(format!("{name}: {error}"));
+    // The messages begin with the argument's name.
+    let usage = |error: &dyn std::fmt::Display| Failure::Usage(format!("--{error}"));
     let values = |name: &'static str, text: &Option<String>| match text {
         Some(text) => circuit.assignments(name, text).map_err(|error| Failure::Usage(error.to_string())),
         None => Ok(Vec::new()),
     };
-    let objective: Objective = args.objective.parse().map_err(|error| usage("--objective")(&error))?;
-    let weight: Option<Weight> = args.circuit.weight.as_deref().map(str::parse).transpose().map_err(|error| usage("--weight")(&error))?;
-    let search: Search = args.circuit.search.parse().map_err(|error| usage("--search")(&error))?;
+    let objective: Objective = args.objective.parse().map_err(|error| usage(&error))?;
+    let weight: Option<Weight> = args.circuit.weight.as_deref().map(str::parse).transpose().map_err(|error| usage(&error))?;
+    let search: Search = args.circuit.search.parse().map_err(|error| usage(&error))?;
     let guess = values("--guess", &args.circuit.guess)?;
     let constants = values("--constants", &args.circuit.constants)?;
     if let Some((index, _)) = guess.iter().find(|(i, _)| constants.iter().any(|(c, _)| c == i)) {

@@ -41,7 +41,7 @@ pub struct PackSimulateArgs {
     /// The mean cell: a model as `fit --out` writes it.
     #[arg(long, value_name = "FILE")]
     pub model: PathBuf,
-    /// Two columns, time [s] and power [W] or current [A], with or without header.
+    /// Two columns, time in s and power in W or current in A, with or without header.
     #[arg(long, value_name = "FILE")]
     pub profile: PathBuf,
     /// How the file is read.

@@ -71,7 +71,7 @@ fn what_is_no_circuit_is_refused_with_the_place() {
     assert!(
         refused(&["--circuit", "R0", "--guess", "R1=1"]).contains("--guess, character 1: expected one of the parameters R0, met \"R1\"")
     );
-    assert!(refused(&["--circuit", "R0", "--weight", "x"]).contains("--weight: weight: expected unit, modulus or covariance, met \"x\""));
+    assert!(refused(&["--circuit", "R0", "--weight", "x"]).contains("--weight: expected unit, modulus or covariance, met \"x\""));
     assert!(refused(&["--circuit", "R0", "--search", "x"]).contains("expected starts or evolution, met \"x\""));
     assert!(
         refused(&["--circuit", "R0", "--weight", "covariance"]).contains("cell: weight covariance: expected a covariance at every point")

@@ -1,6 +1,7 @@
 //! The data of a circuit's fit: points of equal frequency pooled, with weights, and the three objectives as functions of the model's impedance.
 
 use super::options::{CircuitFitError, CircuitOptions, Weight};
+use crate::fit::clusters::Clusters;
 use crate::fit::options::{Objective, check_spectra};
 use crate::spectrum::{ImpedancePoint, Spectrum};
 use num_complex::Complex64;
@@ -13,7 +14,7 @@ pub(super) type Sym2 = [f64; 3];
 pub(super) struct DataPoint {
     pub(super) z: Complex64,
     /// Weight of the squared complex residual.
-    weight: Sym2,
+    pub(super) weight: Sym2,
     /// Weight of the squared residual of the magnitude.
     weight_abs: f64,
     /// Index of the spectrum it came from.
@@ -42,7 +43,7 @@ pub(super) struct Data {
     pub(super) points: usize,
     /// Points with a usable covariance.
     pub(super) known: usize,
-    pub(super) spectra: usize,
+    pub(super) clusters: Clusters,
     /// Median of the weighted |Z|: the natural size of the objective's residuals.
     pub(super) scale: f64,
 }
@@ -55,7 +56,7 @@ pub(super) struct Share {
 }
 
 impl Data {
-    pub(super) fn new(spectra: &[Spectrum], options: &CircuitOptions) -> Result<Self, CircuitFitError> {
+    pub(super) fn new(spectra: &[Spectrum], clusters: Clusters, options: &CircuitOptions) -> Result<Self, CircuitFitError> {
         check_spectra(spectra)?;
         let all = || spectra.iter().enumerate().flat_map(|(i, s)| s.points.iter().map(move |p| (i, p)));
         let (points, known) = (all().count(), all().filter(|(_, p)| inverse_covariance(p).is_some()).count());
@@ -82,7 +83,17 @@ impl Data {
             }
         }
         groups.iter_mut().for_each(Group::close);
-        Ok(Self { groups, objective: options.objective, weight, points, known, spectra: spectra.len(), scale })
+        Ok(Self { groups, objective: options.objective, weight, points, known, clusters, scale })
+    }
+
+    /// All points of a frequency are the same.
+    pub(super) fn is_repeated(&self) -> bool {
+        self.groups.iter().all(|g| g.points.iter().all(|p| g.points.first().is_some_and(|first| first.z == p.z)))
+    }
+
+    /// The objective is a χ²: squares in standard deviations.
+    pub(super) fn is_chi2(&self) -> bool {
+        self.weight == Weight::Covariance && self.objective != Objective::SumAbs
     }
 
     /// Independent numbers among the data.
@@ -125,11 +136,11 @@ impl Data {
     }
 
     /// Gradient of one point's share.
-    pub(super) fn point_gradient(&self, p: &DataPoint, z: Complex64, corner: f64) -> [f64; 2] {
+    pub(super) fn point_gradient(&self, p: &DataPoint, z: Complex64) -> [f64; 2] {
         let r = z - p.z;
         match self.objective {
             Objective::SumAbs => {
-                let s = (quadratic(&p.weight, r) + corner * corner).sqrt().max(f64::MIN_POSITIVE);
+                let s = quadratic(&p.weight, r).sqrt().max(f64::MIN_POSITIVE);
                 apply(&p.weight, r).map(|g| g / s)
             }
             Objective::Modulus => {
@@ -138,17 +149,6 @@ impl Data {
             }
             Objective::Complex => apply(&p.weight, r).map(|g| 2.0 * g),
         }
-    }
-
-    /// Median norm of the weighted residuals of a model.
-    pub(super) fn median_residual(&self, model: impl Fn(f64) -> Complex64) -> f64 {
-        let of = |g: &Group| {
-            let z = model(g.freq_hz);
-            g.points.iter().map(move |p| quadratic(&p.weight, z - p.z).sqrt()).collect::<Vec<f64>>()
-        };
-        let mut residuals: Vec<f64> = self.groups.iter().flat_map(of).collect();
-        residuals.sort_by(f64::total_cmp);
-        residuals.get(residuals.len() / 2).copied().unwrap_or(0.0)
     }
 }
 

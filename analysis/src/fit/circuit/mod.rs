@@ -15,6 +15,8 @@ mod warnings;
 
 pub use options::{CircuitFitError, CircuitOptions, MAX_STARTS, Search, Weight};
 
+use super::cells::CellSweeps;
+use super::clusters::Clusters;
 use super::local::Smooth;
 use super::options::Objective;
 use crate::model::Circuit;
@@ -96,8 +98,21 @@ pub struct CircuitFit {
 /// # Errors
 /// [`CircuitFitError`] for data or options that cannot be fitted.
 pub fn fit_circuit(spectra: &[Spectrum], circuit: &Circuit, options: &CircuitOptions) -> Result<CircuitFit, CircuitFitError> {
+    fit(spectra, circuit, (options, Clusters::sweeps(spectra.len())))
+}
+
+/// As [`fit_circuit`], with sigmas from the scatter of the cells where two or more are known.
+///
+/// # Errors
+/// As [`fit_circuit`].
+pub fn fit_circuit_cells(cells: &[CellSweeps], circuit: &Circuit, options: &CircuitOptions) -> Result<CircuitFit, CircuitFitError> {
+    let (spectra, clusters) = Clusters::of_cells(cells);
+    fit(&spectra, circuit, (options, clusters))
+}
+
+fn fit(spectra: &[Spectrum], circuit: &Circuit, (options, clusters): (&CircuitOptions, Clusters)) -> Result<CircuitFit, CircuitFitError> {
     check_values(circuit, options)?;
-    let data = Data::new(spectra, options)?;
+    let data = Data::new(spectra, clusters, options)?;
     let held = |i: &usize| options.constants.iter().any(|(c, _)| c == i);
     let free: Vec<usize> = (0..circuit.parameter_names().len()).filter(|i| !held(i)).collect();
     check_size(circuit, &data, free.len())?;
@@ -116,6 +131,7 @@ pub fn fit_circuit(spectra: &[Spectrum], circuit: &Circuit, options: &CircuitOpt
     fit.spectra = spectra.iter().map(|s| s.name.clone()).collect();
     (fit.starts, fit.starts_at_optimum, fit.seed) = (found.starts, found.agreeing, options.seed);
     fit.warnings = warnings::warnings(&fit, &data, found.minimum.converged);
+    fit.warnings.extend(data.clusters.remark(data.is_chi2()));
     Ok(fit)
 }
 
@@ -137,6 +153,10 @@ fn check_values(circuit: &Circuit, options: &CircuitOptions) -> Result<(), Circu
 fn check_size(circuit: &Circuit, data: &Data, parameters: usize) -> Result<(), CircuitFitError> {
     let frequencies = data.groups.len();
     let numbers = if data.objective == Objective::Modulus { frequencies } else { 2 * frequencies };
+    // Readings that repeat to the last digit are one reading: what is fitted through it has no residual to tell an uncertainty from.
+    if parameters == numbers && data.points > frequencies && data.is_repeated() {
+        return Err(CircuitFitError::Repeated { circuit: circuit.to_string(), parameters, points: data.points, frequencies, numbers });
+    }
     if parameters <= numbers {
         return Ok(());
     }
@@ -158,7 +178,7 @@ fn describe(problem: &Problem, values: Vec<f64>, bounds: &[(f64, f64)]) -> Circu
         uncertainty.covariance(a, b).map(|c| c * stretch[a] * stretch[b])
     };
     let objective = problem.value(&x);
-    let chi2 = data.weight == Weight::Covariance && data.objective != Objective::SumAbs && uncertainty.freedom > 0;
+    let chi2 = data.is_chi2() && uncertainty.freedom > 0;
     CircuitFit {
         circuit: circuit.to_string(),
         names: circuit.parameter_names().to_vec(),

@@ -134,6 +134,23 @@ pub enum CircuitFitError {
         /// The objective: magnitudes alone give one number per frequency, complex values two.
         objective: Objective,
     },
+    /// As many parameters as numbers, and only the same readings again.
+    #[error(
+        "fit of {circuit}: expected more numbers than {parameters} free parameters, met {points} points that repeat {frequencies} distinct \
+         frequencies to the last digit: {numbers} numbers"
+    )]
+    Repeated {
+        /// The circuit.
+        circuit: String,
+        /// Its free parameters.
+        parameters: usize,
+        /// Points met.
+        points: usize,
+        /// Distinct frequencies among them.
+        frequencies: usize,
+        /// Independent numbers.
+        numbers: usize,
+    },
     /// A guess or a constant that belongs to no parameter or is out of its range.
     #[error(
         "fit of {circuit}: expected {list} within the physical range of the circuit's parameters, met number {index} with value {value}"

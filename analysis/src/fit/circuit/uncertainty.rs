@@ -1,19 +1,14 @@
-//! How well the data fix the parameters of a circuit.
-//!
-//! For least squares (JᵀWJ)⁻¹, times the reduced χ² where weights say only the shape of the noise, and where they are covariances only if it
-//! exceeds one (Birge's ratio). For the sum of norms, and over whole spectra when there are more of them than parameters and no covariance is stated (the points of one
-//! sweep share its cell and its contacts), the sandwich H⁻¹BH⁻¹ of an M-estimator (Huber, 1967). A parameter held by a bound has no sigma. The inverse
-//! goes through eigenvectors: where the data fix only combinations, the parameters in them get no sigma, and the others keep theirs.
+//! How well the data fix the parameters of a circuit; what the data say is [`Evidence`]'s, as for the extended Randles model. A parameter held by a
+//! bound has no sigma. The inverse goes through eigenvectors: where the data fix only combinations, the parameters in them get no sigma, and the
+//! others keep theirs.
 
-use super::data::Group;
+use super::data::quadratic;
 use super::options::Weight;
 use super::problem::Problem;
+use crate::fit::evidence::{Evidence, FrequencyShare, Normal, PointShare};
 use crate::fit::local::Smooth;
-use crate::fit::options::Objective;
 use nalgebra::DMatrix;
 
-/// Corner of the norm, in median residuals, for the Hessian of a sum of norms: points that the fit meets exactly say nothing of the noise.
-const NORM_CORNER: f64 = 0.5;
 /// Eigenvalues of the scaled information below this fraction of the largest are rounding.
 const NULL: f64 = 1e-13;
 /// Share of a parameter in a direction that the data do not fix, from which on it has no sigma.
@@ -37,26 +32,21 @@ impl Uncertainty {
         let variables: Vec<usize> = (0..x.len()).filter(|k| !held[*k]).collect();
         let m = variables.len();
         let freedom = problem.data.numbers().saturating_sub(m);
-        let norms = problem.data.objective == Objective::SumAbs;
-        let parameters = problem.parameters(x);
-        let median = problem.data.median_residual(|freq_hz| problem.circuit.impedance(&parameters, freq_hz));
-        let corner = if norms { NORM_CORNER * median.max(1e-6 * problem.data.scale) } else { 0.0 };
-        let at = Problem { exact: norms, corner, ..problem.clone() };
-        let (mut gradient, mut hessian) = (vec![0.0; x.len()], vec![0.0; x.len() * x.len()]);
-        at.expand(x, &mut gradient, &mut hessian);
-        let kept = DMatrix::from_fn(m, m, |i, j| hessian[variables[i] * x.len() + variables[j]]);
-        let (bread, fixed, condition) = invert(&kept);
-        let clustered = problem.data.spectra > m && problem.data.weight != Weight::Covariance;
-        let covariance = if freedom == 0 && problem.data.weight != Weight::Covariance {
-            None
-        } else if norms || clustered {
-            sandwich(&at, (x, &variables), (&bread, clustered))
-        } else {
-            let ratio = problem.value(x) / freedom.max(1) as f64;
-            let factor = if problem.data.weight == Weight::Covariance { ratio.max(1.0) } else { ratio };
-            // The Hessian of a sum of squares is twice the information.
-            Some(&bread * (2.0 * factor))
+        let evidence = Evidence {
+            kind: problem.data.objective,
+            absolute_weights: problem.data.is_chi2(),
+            value: problem.value(x),
+            numbers: problem.data.numbers() as f64,
+            freedom: freedom as f64,
+            clusters: &problem.data.clusters,
+            frequencies: shares(problem, x, &variables),
         };
+        let Normal { bread, meat, factor } = evidence.normal(|corner| hessian(problem, x, (&variables, corner)));
+        let (bread, fixed, condition) = invert(&DMatrix::from_row_slice(m, m, &bread));
+        let covariance = factor.map(|factor| match &meat {
+            Some(meat) => &bread * DMatrix::from_row_slice(m, m, meat) * &bread * factor,
+            None => &bread * factor,
+        });
         let entry = |ij: usize| {
             let (i, j) = (ij / m, ij % m);
             covariance.as_ref().map(|c| c[(i, j)]).filter(|c| fixed[i] && fixed[j] && c.is_finite())
@@ -97,27 +87,31 @@ fn invert(a: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>, Option<f64>) {
     (inverse, fixed, Some(largest / least).filter(|c| least > 0.0 && c.is_finite()))
 }
 
-/// H⁻¹BH⁻¹ with the scatter B of the gradients over spectra (`clustered`) or over points.
-fn sandwich(problem: &Problem, (x, variables): (&[f64], &[usize]), (bread, clustered): (&DMatrix<f64>, bool)) -> Option<DMatrix<f64>> {
-    let (m, spectra, numbers) = (variables.len(), problem.data.spectra, problem.data.numbers() as f64);
-    let mut shares: Vec<Vec<f64>> = vec![vec![0.0; m]; if clustered { spectra } else { 0 }];
+/// Hessian over `variables` with a corner of the norm.
+fn hessian(problem: &Problem, x: &[f64], (variables, corner): (&[usize], f64)) -> Vec<f64> {
+    let n = x.len();
+    let corner = corner.max(1e-6 * problem.data.scale);
+    let (mut gradient, mut hessian) = (vec![0.0; n], vec![0.0; n * n]);
+    Problem { exact: true, corner, ..problem.clone() }.expand(x, &mut gradient, &mut hessian);
+    variables.iter().flat_map(|i| variables.iter().map(|j| hessian[i * n + j]).collect::<Vec<f64>>()).collect()
+}
+
+/// Every frequency at the optimum.
+fn shares(problem: &Problem, x: &[f64], variables: &[usize]) -> Vec<FrequencyShare> {
+    let data = problem.data;
+    let mut all = Vec::new();
     problem.sweep(x, |k, z, slopes| {
-        let group: &Group = &problem.data.groups[k];
-        for point in &group.points {
-            let [gx, gy] = problem.data.point_gradient(point, z, problem.corner);
-            let share: Vec<f64> = variables.iter().map(|i| gx * slopes[*i].re + gy * slopes[*i].im).collect();
-            match shares.get_mut(point.spectrum) {
-                Some(sum) if clustered => sum.iter_mut().zip(&share).for_each(|(sum, s)| *sum += s),
-                _ => shares.push(share),
-            }
-        }
+        let group = &data.groups[k];
+        let size = if data.weight == Weight::Unit { z.norm() } else { 1.0 };
+        let points = group.points.iter().map(|p| PointShare {
+            norm: quadratic(&p.weight, z - p.z).sqrt(),
+            size,
+            weight: p.weight,
+            gradient: data.point_gradient(p, z),
+            spectrum: p.spectrum,
+        });
+        let slopes = variables.iter().map(|i| slopes[*i]).collect();
+        all.push(FrequencyShare { slopes, weight: data.share(group, z, (0.0, false)).hessian.map(|h| 0.5 * h), points: points.collect() });
     });
-    let mut meat = DMatrix::zeros(m, m);
-    for share in &shares {
-        meat += DMatrix::from_fn(m, m, |i, j| share[i] * share[j]);
-    }
-    let freedom = numbers - m as f64;
-    let clusters = spectra as f64;
-    let small_sample = if clustered { clusters / (clusters - 1.0) * numbers / freedom } else { numbers / freedom };
-    (freedom > 0.0).then(|| bread * meat * bread * small_sample)
+    all
 }

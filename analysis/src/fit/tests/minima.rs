@@ -6,7 +6,7 @@ use crate::fit::global::Columns;
 use crate::fit::local::Smooth;
 use crate::fit::problem::Problem;
 use crate::fit::projection::Projection;
-use crate::fit::{Bounds, FitOptions, Objective, Rng, fit_erm, fit_erm_from, survey_seeds};
+use crate::fit::{Bounds, CellSweeps, FitOptions, Objective, Rng, fit_cells, fit_erm, survey_seeds};
 
 #[test]
 fn sixty_seeds_of_sixty_reach_appendix_a() {
@@ -46,7 +46,8 @@ fn the_one_branch_of_the_appendix_is_a_local_minimum() {
 fn more_starts_never_make_it_worse() {
     let sweeps = real_sweeps();
     let options = FitOptions { rc: 2, ..FitOptions::default() };
-    let (few, many) = (fit_erm(&sweeps, &options).unwrap(), fit_erm_from(&sweeps, &options, 12).unwrap());
+    let cells = [CellSweeps { cell: "all".into(), named: false, sweeps: sweeps.clone() }];
+    let (few, many) = (fit_erm(&sweeps, &options).unwrap(), fit_cells(&cells, &options, 12).unwrap());
     assert!(many.objective <= few.objective * (1.0 + 1e-9) && many.other_minima.len() >= few.other_minima.len());
 }
 

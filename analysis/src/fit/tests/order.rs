@@ -11,7 +11,7 @@ const OPTIONS: OrderOptions = OrderOptions { most: 4, bounds: Bounds { r_ohm: (1
 fn one_sweep(circuit: Circuit<'_>, noise: f64, rng: &mut Rng) -> CellSweeps {
     let mut sweep = noisy(circuit, 40, noise, rng);
     sweep.points.iter_mut().for_each(|p| p.covariance = Covariance2::UNKNOWN);
-    CellSweeps { cell: "a".into(), sweeps: vec![sweep] }
+    CellSweeps { cell: "a".into(), named: true, sweeps: vec![sweep] }
 }
 
 fn tally(circuit: Circuit<'_>, noise: f64, runs: usize) -> Vec<OrderSelection> {

@@ -120,3 +120,21 @@ fn a_model_file_is_read_back_and_a_foreign_one_refused() {
     let error = ModelFile::from_json(&dead.to_json().unwrap()).unwrap_err().to_string();
     assert_eq!(error, "model file: R of the ERM: expected a positive finite number in Ω, met -1");
 }
+
+#[test]
+fn a_model_file_that_contradicts_itself_is_refused() {
+    let fit = fit_erm(&[sweep()], &FitOptions { rc: 1, ..FitOptions::default() }).unwrap();
+    let file = ModelFile::new("a cell", fit, vec!["a".into()], None);
+    let refused = |file: &ModelFile| ModelFile::from_json(&file.to_json().unwrap()).unwrap_err().to_string();
+    let order = ModelFile { rc: 7, ..file.clone() };
+    assert_eq!(refused(&order), "model file: expected rc to be the number of fit.erm.branches, 1, met 7");
+    let covariance = |rows: Vec<Vec<f64>>| {
+        let mut wrong = file.clone();
+        wrong.fit.log_covariance = Some(rows);
+        refused(&wrong)
+    };
+    let start = "model file: fit.log_covariance: expected 3 rows and columns for as many parameters, met";
+    assert_eq!(covariance(vec![vec![1.0; 3]; 2]), format!("{start} 2 rows, one of 3 columns"));
+    assert_eq!(covariance(vec![vec![1.0; 3], vec![1.0; 3], vec![1.0; 4]]), format!("{start} 3 rows, one of 4 columns"));
+    assert_eq!(covariance(Vec::new()), format!("{start} 0 rows, one of 3 columns"));
+}

@@ -10,7 +10,7 @@ fn cells(count: usize, between: f64, rng: &mut Rng) -> Vec<CellSweeps> {
         let r = 0.007 * (1.0 + between * normal(rng));
         let mut sweeps: Vec<_> = (0..3 + k % 3).map(|_| noisy((r, &[(0.0017, 1.2), (0.0026, 200.0)]), 20, 0.002, rng)).collect();
         sweeps.iter_mut().flat_map(|s| &mut s.points).for_each(|p| p.covariance = Covariance2::UNKNOWN);
-        CellSweeps { cell: format!("cell {k}"), sweeps }
+        CellSweeps { cell: format!("cell {k}"), named: true, sweeps }
     };
     (0..count).map(|k| one(k, rng)).collect()
 }

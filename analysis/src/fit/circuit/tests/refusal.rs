@@ -90,3 +90,19 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn one_reading_said_often_is_one_reading() {
+    let mut spectrum = resistor(5);
+    let first = spectrum.points[0];
+    spectrum
+        .points
+        .iter_mut()
+        .for_each(|p| *p = crate::spectrum::ImpedancePoint { z_ohm: num_complex::Complex64::new(0.01, -0.002), ..first });
+    let expected = "fit of R0-C0: expected more numbers than 2 free parameters, met 5 points that repeat 1 distinct frequencies to the last digit: \
+                    2 numbers";
+    assert_eq!(refused(std::slice::from_ref(&spectrum), "R0-C0", &CircuitOptions::default()), expected);
+    // Readings that scatter do tell an uncertainty.
+    spectrum.points[1].z_ohm += 1e-5;
+    assert!(fit_circuit(&[spectrum], &parse("R0-C0"), &CircuitOptions::default()).unwrap().sigmas[0].unwrap() > 1e-7);
+}

@@ -1,0 +1,92 @@
+//! Sigmas of pooled sweeps that share cells, against the scatter of the cells.
+
+use super::{noisy, normal};
+use crate::fit::{CellSweeps, CircuitOptions, FitOptions, Objective, Rng, fit_cells, fit_circuit_cells, fit_erm, profiles};
+use crate::formats::{SourcedSpectrum, read_sourced};
+use crate::spectrum::{Covariance2, Spectrum};
+use std::path::Path;
+
+fn thesis_cells() -> Vec<CellSweeps> {
+    let table = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
+    let sourced: Vec<SourcedSpectrum> = read_sourced(&table).unwrap().into_iter().filter(|s| s.origin.is_unbiased_cell()).collect();
+    CellSweeps::sort(&sourced)
+}
+
+fn deviation(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() - 1) as f64).sqrt()
+}
+
+#[test]
+fn the_thesis_sigmas_are_the_scatter_of_its_five_cells() {
+    let cells = thesis_cells();
+    assert_eq!(cells.len(), 5);
+    for objective in [Objective::Complex, Objective::SumAbs, Objective::Modulus] {
+        let options = FitOptions { rc: 2, objective, ..FitOptions::default() };
+        let fit = fit_cells(&cells, &options, 0).unwrap();
+        let own: Vec<_> = cells.iter().map(|c| fit_erm(&c.sweeps, &options).unwrap().erm).collect();
+        let of_mean = |value: fn(&crate::model::Erm) -> f64| deviation(&own.iter().map(value).collect::<Vec<_>>()) / 5f64.sqrt();
+        for (name, expected, met) in [
+            ("R", of_mean(|e| e.r_ohm), fit.sigma.r_ohm.unwrap()),
+            ("DC resistance", of_mean(|e| e.dc_resistance_ohm()), fit.sigma.dc_resistance_ohm.unwrap()),
+        ] {
+            // Five values scatter by 35 %, and a sum of norms takes another middle of all sweeps than of a cell's.
+            let band = if objective == Objective::SumAbs { 0.55..1.5 } else { 0.75..1.35 };
+            assert!(band.contains(&(expected / met)), "{objective}, {name}: cells {expected}, stated {met}");
+        }
+        assert_eq!(fit.cells, Some(5));
+        let remark = "the sigmas rest on how only 5 cells scatter: they are themselves known to about 35 %, and a 95 % interval takes 2.78 sigma, not 1.96";
+        assert_eq!(fit.warnings.last().unwrap(), remark);
+    }
+    let one = fit_cells(&cells[..1], &FitOptions { rc: 1, ..FitOptions::default() }, 0).unwrap();
+    assert_eq!((one.cells, one.warnings.last().unwrap().starts_with("all sweeps are of one cell: ")), (None, true));
+}
+
+/// Cells that differ by a factor of 1 %, five sweeps each with noise of 0.2 %.
+fn drawn(count: usize, rng: &mut Rng) -> Vec<CellSweeps> {
+    let cell = |k: usize, rng: &mut Rng| {
+        let factor = 1.0 + 0.01 * normal(rng);
+        let sweep = |rng: &mut Rng| -> Spectrum {
+            let mut spectrum = noisy((0.007 * factor, &[(0.003 * factor, 10.0 / factor)]), 15, 0.002, rng);
+            spectrum.points.iter_mut().for_each(|p| p.covariance = Covariance2::UNKNOWN);
+            spectrum
+        };
+        CellSweeps { cell: format!("cell {k}"), named: true, sweeps: (0..5).map(|_| sweep(rng)).collect() }
+    };
+    (0..count).map(|k| cell(k, rng)).collect()
+}
+
+#[test]
+fn stated_sigmas_are_the_scatter_of_repeated_pools() {
+    // 80 pools of six cells: the scatter is known to 8 %, and the mean of the stated variances to 7 %.
+    let mut rng = Rng::new(11);
+    let pools: Vec<_> = (0..80).map(|_| drawn(6, &mut rng)).collect();
+    for objective in [Objective::Complex, Objective::SumAbs] {
+        let options = FitOptions { rc: 1, objective, ..FitOptions::default() };
+        let fits: Vec<_> = pools.iter().map(|cells| fit_cells(cells, &options, 0).unwrap()).collect();
+        let scatter = deviation(&fits.iter().map(|f| f.erm.r_ohm).collect::<Vec<_>>());
+        let stated = (fits.iter().map(|f| f.sigma.r_ohm.unwrap().powi(2)).sum::<f64>() / fits.len() as f64).sqrt();
+        assert!((0.8..1.25).contains(&(stated / scatter)), "{objective}: stated {stated}, scatter {scatter}");
+    }
+}
+
+#[test]
+fn circuits_and_profiles_say_the_same() {
+    let cells = drawn(5, &mut Rng::new(3));
+    let circuit = "R0-p(R1,C1)".parse().unwrap();
+    for objective in [Objective::Complex, Objective::SumAbs, Objective::Modulus] {
+        let fit = fit_cells(&cells, &FitOptions { rc: 1, objective, ..FitOptions::default() }, 0).unwrap();
+        let other = fit_circuit_cells(&cells, &circuit, &CircuitOptions { objective, ..CircuitOptions::default() }).unwrap();
+        let (met, expected) = (other.sigmas[0].unwrap(), fit.sigma.r_ohm.unwrap());
+        assert!((met / expected - 1.0).abs() < 0.01, "{objective}: {met} against {expected}");
+        assert_eq!(other.warnings.last(), fit.warnings.last());
+        // Student's t of four degrees of freedom: 2.776 at 95 %.
+        let spectra: Vec<Spectrum> = cells.iter().flat_map(|c| c.sweeps.clone()).collect();
+        let profile = &profiles(&spectra, &fit).unwrap()[0];
+        let (low, high) = (profile.interval_95.low.unwrap(), profile.interval_95.high.unwrap());
+        let half = 0.5 * (high - low) / expected;
+        // Away from the middle a sum of norms rises in steps, one for each cell.
+        let tolerance = if objective == Objective::SumAbs { 0.3 } else { 0.1 };
+        assert!((half / 2.776 - 1.0).abs() < tolerance, "{objective}: half of the interval is {half} sigma");
+    }
+}
