@@ -61,7 +61,8 @@ fn the_thesis_sweeps_are_told_cell_by_cell() {
         let charged = spectrum["name"].as_str().unwrap().contains("+5A");
         assert!(charged || ["good", "doubtful"].contains(&verdict["grade"].as_str().unwrap()), "{spectrum}");
         let band: Vec<f64> = verdict["valid_band_hz"].as_array().unwrap().iter().map(|f| f.as_f64().unwrap()).collect();
-        assert!((band[0] - 0.1).abs() < 1.0e-9 && (band[1] / 201.0 - 1.0).abs() < 0.01, "{band:?}");
+        let slow_end = (band[0] - 0.1).abs() < 1.0e-9 || (charged && band[0] < 0.3);
+        assert!(slow_end && (band[1] / 201.0 - 1.0).abs() < 0.01, "{band:?}");
         for points in [&verdict["points"], &kk["points"], &spectrum["z_hit"]["points"]] {
             assert_eq!(points.as_array().unwrap().len(), 20);
         }
