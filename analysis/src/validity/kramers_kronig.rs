@@ -104,16 +104,8 @@ pub struct KramersKronig {
     /// What the ladder makes of each point, Ω.
     #[serde(skip)]
     pub fitted_ohm: Vec<Complex64>,
+    /// The ladder that made it: of all but single bad points.
     #[serde(skip)]
-    pub(super) reference: Reference,
-}
-
-/// A fit to all but single bad points: what Z-HIT starts from.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Reference {
-    /// Impedance of each point, Ω.
-    pub(super) fitted_ohm: Vec<Complex64>,
-    /// The ladder that made it.
     pub(super) ladder: Ladder,
 }
 
@@ -161,18 +153,17 @@ pub fn kramers_kronig(spectrum: &Spectrum, noise: &Noise) -> Result<KramersKroni
     test.ladder.load(&test.z_ohm, &whiten, test.restraint_per_ohm);
     let (order, mu_order) = test.choose_order();
     if !test.alarm(FALSE_ALARM_RATE) {
-        return Ok(test.result(order, mu_order, (KkOutcome::Agrees, None)));
+        return Ok(test.result(order, mu_order, KkOutcome::Agrees));
     }
     let order = test.most;
     if test.passes_with_other_sign() {
         test.leave_out(|_| false);
-        return Ok(test.result(order, mu_order, (KkOutcome::SignSwapped, None)));
+        return Ok(test.result(order, mu_order, KkOutcome::SignSwapped));
     }
     test.leave_out(|_| false);
-    let reference = Reference { fitted_ohm: test.ladder.impedance(order), ladder: test.ladder.clone() };
     if test.leave_out_the_worst() {
         if !test.is_end_left_out() {
-            return Ok(test.result(order, mu_order, (KkOutcome::SinglePoints, None)));
+            return Ok(test.result(order, mu_order, KkOutcome::SinglePoints));
         }
         return Ok(test.part_of_band(mu_order));
     }
@@ -180,7 +171,7 @@ pub fn kramers_kronig(spectrum: &Spectrum, noise: &Noise) -> Result<KramersKroni
         return Ok(test.part_of_band(mu_order));
     }
     test.leave_out(|_| false);
-    Ok(test.result(order, mu_order, (KkOutcome::Disagrees, Some(reference))))
+    Ok(test.result(order, mu_order, KkOutcome::Disagrees))
 }
 
 impl<'a> Test<'a> {
@@ -296,12 +287,12 @@ impl<'a> Test<'a> {
         let end = self.left_out.clone();
         self.leave_out(|_| false);
         let order = self.most;
-        let mut result = self.result(order, mu_order, (KkOutcome::PartOfBand, None));
+        let mut result = self.result(order, mu_order, KkOutcome::PartOfBand);
         result.points.iter_mut().zip(end).for_each(|(point, out)| point.left_out = out);
         result
     }
 
-    fn result(mut self, order: usize, mu_order: Option<usize>, found: (KkOutcome, Option<Reference>)) -> KramersKronig {
+    fn result(mut self, order: usize, mu_order: Option<usize>, outcome: KkOutcome) -> KramersKronig {
         self.ladder.leverage(&mut self.leverage);
         let fitted_ohm = self.ladder.impedance(order);
         let points = (0..self.z_ohm.len()).map(|k| self.point(k, order, fitted_ohm[k])).collect();
@@ -314,9 +305,9 @@ impl<'a> Test<'a> {
             p: self.sum_p(),
             noise: self.noise.source,
             noise_percent: 100.0 * self.noise.relative(&self.spectrum.points),
-            outcome: found.0,
+            outcome,
             points,
-            reference: found.1.unwrap_or(Reference { fitted_ohm: fitted_ohm.clone(), ladder: self.ladder }),
+            ladder: self.ladder,
             fitted_ohm,
         }
     }

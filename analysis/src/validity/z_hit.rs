@@ -51,12 +51,8 @@ pub struct ZHit {
 pub fn z_hit(spectrum: &Spectrum, noise: &Noise, kk: &KramersKronig) -> ZHit {
     let points = &spectrum.points;
     let n = points.len();
-    let ratio: Vec<Complex64> = points
-        .iter()
-        .zip(&kk.reference.fitted_ohm)
-        .enumerate()
-        .map(|(k, (p, f))| if kk.is_single(k) { 1.0.into() } else { p.z_ohm / f })
-        .collect();
+    let ratio: Vec<Complex64> =
+        points.iter().zip(&kk.fitted_ohm).enumerate().map(|(k, (p, f))| if kk.is_single(k) { 1.0.into() } else { p.z_ohm / f }).collect();
     let ln_ratio: Vec<f64> = ratio.iter().map(|r| r.norm().ln()).collect();
     let phase: Vec<f64> = ratio.iter().map(|r| r.arg()).collect();
     let ln_omega: Vec<f64> = points.iter().map(|p| p.freq_hz.ln()).collect();
@@ -74,13 +70,13 @@ pub fn z_hit(spectrum: &Spectrum, noise: &Noise, kk: &KramersKronig) -> ZHit {
         let deviation: f64 = (0..n).map(|k| of_modulus[(i, k)] * ln_ratio[k] - of_phase[(i, k)] * phase[k]).sum();
         // Of ΔZ/Z, the real part is that of the modulus' logarithm and the imaginary part that of the phase.
         let weight = |k: usize| Complex64::new(of_modulus[(i, k)], -of_phase[(i, k)]) * points[k].z_ohm.inv().conj();
-        let variance = kk.reference.ladder.variance(&whitened(kk.reference.ladder.whitening(), weight));
+        let variance = kk.ladder.variance(&whitened(kk.ladder.whitening(), weight));
         let measured_ohm = points[i].z_ohm.norm();
         let sigma = variance.sqrt();
         ZHitPoint {
             freq_hz: points[i].freq_hz,
             measured_ohm,
-            rebuilt_ohm: if kk.is_single(i) { kk.reference.fitted_ohm[i].norm() } else { measured_ohm * (-deviation).exp() },
+            rebuilt_ohm: if kk.is_single(i) { kk.fitted_ohm[i].norm() } else { measured_ohm * (-deviation).exp() },
             deviation_percent: 100.0 * deviation,
             sigma_percent: 100.0 * sigma,
             p: if sigma > 0.0 { deviate_tail(deviation / sigma, noise.dof) } else { 1.0 },

@@ -1,9 +1,9 @@
 //! `eis-bench fit`: the extended Randles model for spectra from anywhere.
 
+use crate::command::files;
 use std::path::Path;
 
 use analysis::{
-    dataset,
     fit::{Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective, PackModel, fit_cells},
     formats::{SourcedSpectrum, read_sourced},
     pack::Pack,
@@ -182,11 +182,9 @@ fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
 }
 
 fn write(folder: &Path, group: &Group, controls: &[Spectrum], args: &FitArgs) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|error| Failure::Usage(format!("--out {}: {error}", folder.display())))?;
+    files::make_folder(folder)?;
     let names: Vec<String> = group.spectra.iter().map(|spectrum| spectrum.name.clone()).collect();
-    let text = |name: &str, text: &str| {
-        dataset::write_atomically(&folder.join(name), text.as_bytes()).map_err(|error| Failure::Analysis(error.to_string()))
-    };
+    let text = |name: &str, text: &str| files::write_text(folder, name, text);
     for fit in &group.fits {
         let pack = PackModel::new(&fit.erm, Pack::THESIS).map_err(|error| Failure::Analysis(error.to_string()))?;
         let model = ModelFile::new(&group.name, fit.clone(), names.clone(), Some(pack));
@@ -198,9 +196,7 @@ fn write(folder: &Path, group: &Group, controls: &[Spectrum], args: &FitArgs) ->
     plot::write_thesis_figures(&input, folder).map_err(drawn)?;
     group.more.draw(folder)?;
     let bode = bode_plot(&group.name, &group.spectra, &group.fits);
-    for extension in ["svg", "png"] {
-        plot::bode(&bode, &folder.join(format!("bode.{extension}"))).map_err(drawn)?;
-    }
+    files::write_picture(folder, "bode", |path| plot::bode(&bode, path))?;
     let mut figures = vec![Figure {
         svg: plot::nyquist_svg(&plot::sweeps_figure(&group.spectra)).map_err(drawn)?,
         caption: "Nyquist plot of the spectra; both axes have the same scale.".to_owned(),

@@ -1,9 +1,9 @@
 //! `eis-bench fit --circuit`: any equivalent circuit, written as impedance.py's users know it.
 
+use crate::command::files;
 use std::path::Path;
 
 use analysis::{
-    dataset,
     fit::{CellSweeps, CircuitFit, CircuitOptions, Objective, Search, State, Weight, fit_circuit_cells},
     formats::SourcedSpectrum,
     model::Circuit,
@@ -174,17 +174,13 @@ fn prefix(value: f64, unit: &str) -> (f64, &'static str) {
 }
 
 fn write(folder: &Path, group: &Group, circuit: &Circuit) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|error| Failure::Usage(format!("--out {}: {error}", folder.display())))?;
-    let text = |name: &str, text: &str| {
-        dataset::write_atomically(&folder.join(name), text.as_bytes()).map_err(|error| Failure::Analysis(error.to_string()))
-    };
+    files::make_folder(folder)?;
+    let text = |name: &str, text: &str| files::write_text(folder, name, text);
     let drawn = |error: plot::PlotError| Failure::Analysis(error.to_string());
     text("circuit.json", &json(vec![&group.fit])?)?;
     let picture = picture(group, circuit);
-    for extension in ["svg", "png"] {
-        plot::nyquist(&picture, &folder.join(format!("nyquist.{extension}"))).map_err(drawn)?;
-        plot::bode(&picture, &folder.join(format!("bode.{extension}"))).map_err(drawn)?;
-    }
+    files::write_picture(folder, "nyquist", |path| plot::nyquist(&picture, path))?;
+    files::write_picture(folder, "bode", |path| plot::bode(&picture, path))?;
     let report = Report {
         title: format!("{}, {}", group.fit.circuit, group.name),
         verdicts: group.fit.warnings.iter().map(|warning| Verdict { level: Level::Note, text: warning.clone() }).collect(),

@@ -1,5 +1,6 @@
 //! What `eis-bench fit` tells beyond the fits: the choice of the order, the spread of cells, profiles, other minima, the search over many seeds.
 
+use crate::command::files;
 use std::path::Path;
 
 use analysis::{
@@ -7,7 +8,7 @@ use analysis::{
         Bounds, CellSpread, CellSweeps, ErmFit, FitError, FitOptions, LocalMinimum, OrderOptions, OrderRow, OrderSelection, Profile,
         QuantitySpread, SeedSurvey, cell_spread, profiles, select_order, survey_seeds,
     },
-    plot::{self, AxisSpec, Chart, Panel, Trace, TraceStyle},
+    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
     spectrum::Spectrum,
 };
 use serde::Serialize;
@@ -108,10 +109,7 @@ impl More {
     pub(super) fn draw(&self, folder: &Path) -> Result<(), Failure> {
         for FitProfiles { rc, profiles } in &self.profiles {
             let chart = profile_chart(&format!("Profile likelihood, {rc} RC"), profiles);
-            for extension in ["svg", "png"] {
-                let path = folder.join(format!("profile_{rc}rc.{extension}"));
-                plot::chart(&chart, &path).map_err(|error| Failure::Analysis(error.to_string()))?;
-            }
+            files::write_chart(folder, &format!("profile_{rc}rc"), &chart)?;
         }
         Ok(())
     }

@@ -1,15 +1,14 @@
 //! `eis-bench joint`: the extended Randles model from spectra and pulses together.
 
+use crate::command::files;
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    dataset,
     fit::{Bounds, JointProvenance, MAX_RC, ModelFile, PackModel},
     formats::{CurrentSign, SourcedSpectrum, read_sourced},
     joint::{JointFit, JointOptions, PooledSpectrum, PulseResult, Role, Study, StudyInput, StudyOptions, study},
     ocv::{OcvCurve, OcvOptions, extract},
     pack::Pack,
-    plot,
 };
 
 use crate::command::{Failure, ocv};
@@ -186,7 +185,7 @@ impl Job<'_> {
 
     fn write(&self, folder: &Path, spectra: Vec<String>) -> Result<(), Failure> {
         let failed = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
-        std::fs::create_dir_all(folder).map_err(|error| Failure::Usage(format!("--out {}: {error}", folder.display())))?;
+        files::make_folder(folder)?;
         let joint = self.study.joint().ok_or_else(|| Failure::Analysis("no order was fitted".to_owned()))?;
         let pack = PackModel::new(&joint.erm, Pack::THESIS).map_err(|error| failed(&error))?;
         let fit = joint.to_erm_fit(self.pooled, self.fit);
@@ -203,18 +202,13 @@ impl Job<'_> {
             held_out_rms_v: self.study.rms_v(Role::HeldOut).map(|r| r.1),
         });
         let text = model.to_json().map_err(|error| failed(&error))?;
-        dataset::write_atomically(&folder.join("model.json"), text.as_bytes()).map_err(|error| failed(&error))?;
+        files::write_text(folder, "model.json", &text)?;
         let charts = [
             ("pulses", self.study.pulses_chart(self.series)),
             ("gaps", self.study.gaps_chart(self.series)),
             ("orders", self.study.orders_chart(self.series)),
         ];
-        for (name, chart) in &charts {
-            for extension in ["svg", "png"] {
-                plot::chart(chart, &folder.join(format!("{name}.{extension}"))).map_err(|error| failed(&error))?;
-            }
-        }
-        Ok(())
+        charts.iter().try_for_each(|(name, chart)| files::write_chart(folder, name, chart))
     }
 }
 

@@ -3,6 +3,7 @@
 mod plots;
 mod records;
 
+use crate::command::files;
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -171,16 +172,15 @@ fn group(cell: String, measured: Vec<Spectrum>, records: &[Record], with_drt: bo
 }
 
 fn write(folder: &Path, groups: &[Group]) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|error| Failure::Usage(format!("--out {}: {error}", folder.display())))?;
-    analysis::dataset::write_atomically(&folder.join("kk.json"), json(groups)?.as_bytes())
-        .map_err(|error| Failure::Analysis(error.to_string()))?;
+    files::make_folder(folder)?;
+    files::write_text(folder, "kk.json", &json(groups)?)?;
     for group in groups {
         for (assessed, measured) in group.assessment.spectra.iter().zip(&group.measured) {
-            plots::write(&folder.join(format!("kk_{}", assessed.name)), &plots::residuals(assessed))?;
-            plots::write(&folder.join(format!("zhit_{}", assessed.name)), &plots::z_hit(assessed, measured))?;
+            files::write_chart(folder, &format!("kk_{}", assessed.name), &plots::residuals(assessed))?;
+            files::write_chart(folder, &format!("zhit_{}", assessed.name), &plots::z_hit(assessed, measured))?;
         }
         for distribution in &group.drt {
-            plots::write(&folder.join(format!("drt_{}", distribution.name)), &plots::drt(&distribution.name, &distribution.drt))?;
+            files::write_chart(folder, &format!("drt_{}", distribution.name), &plots::drt(&distribution.name, &distribution.drt))?;
         }
     }
     Ok(())

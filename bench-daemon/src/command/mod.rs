@@ -1,5 +1,6 @@
 //! What the command line does, one file per command.
 
+mod files;
 pub mod fit;
 pub mod fit_circuit;
 pub mod fit_more;

@@ -1,12 +1,12 @@
 //! `eis-bench ocv`: the open-circuit voltage of a slow discharge.
 
+use crate::command::files;
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    dataset,
     formats::{CurrentSign, SeriesOptions, read_series},
     ocv::{OcvExtraction, OcvOptions, compensated, extract},
-    plot::{self, AxisSpec, Chart, Panel, Trace, TraceStyle},
+    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
     series::TimeSeries,
 };
 
@@ -117,10 +117,8 @@ fn print_text(name: &str, found: &OcvExtraction) {
 }
 
 fn write(folder: &Path, discharge: &TimeSeries, (found, options): (&OcvExtraction, &OcvOptions)) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|error| Failure::Usage(format!("--out {}: {error}", folder.display())))?;
-    let put = |name: &str, text: &str| {
-        dataset::write_atomically(&folder.join(name), text.as_bytes()).map_err(|error| Failure::Analysis(error.to_string()))
-    };
+    files::make_folder(folder)?;
+    let put = |name: &str, text: &str| files::write_text(folder, name, text);
     let mut table = "soc,ocv_v,docv_dsoc_v\n".to_owned();
     for k in 0..=TABLE_STEPS {
         let soc = f64::from(k) / f64::from(TABLE_STEPS);
@@ -131,11 +129,7 @@ fn write(folder: &Path, discharge: &TimeSeries, (found, options): (&OcvExtractio
     let json = serde_json::to_string_pretty(&found.curve).map_err(|error| Failure::Analysis(error.to_string()))?;
     put("ocv.json", &(json + "\n"))?;
     let points = compensated(discharge, options).map_err(|error| Failure::Usage(error.to_string()))?;
-    let picture = picture(&discharge.name, &points, found);
-    for extension in ["svg", "png"] {
-        plot::chart(&picture, &folder.join(format!("ocv.{extension}"))).map_err(|error| Failure::Analysis(error.to_string()))?;
-    }
-    Ok(())
+    files::write_chart(folder, "ocv", &picture(&discharge.name, &points, found))
 }
 
 /// The measured and the compensated curve as figure 3.3 of the thesis, the slope, and the samples less the spline.

@@ -1,8 +1,5 @@
 //! `eis-bench pack`: what a pack of cells can do.
 
-use std::path::Path;
-
-use analysis::{dataset, fit::ModelFile};
 use clap::{Args, Subcommand};
 
 use super::{Failure, pack_simulate, pack_size};
@@ -31,17 +28,4 @@ pub fn pack(args: &PackArgs) -> Result<(), Failure> {
         PackCommand::Size(args) => pack_size::size(args),
         PackCommand::Simulate(args) => pack_simulate::simulate(args),
     }
-}
-
-/// Reads a model file.
-pub(super) fn read_model(path: &Path) -> Result<ModelFile, Failure> {
-    let fail = |error: &dyn std::fmt::Display| Failure::Usage(format!("--model {}: {error}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|error| fail(&error))?;
-    ModelFile::from_json(&text).map_err(|error| fail(&error))
-}
-
-/// Makes the folder of `--out` if need be and writes a text into it.
-pub(super) fn folder(out: &Path, name: &str, text: &str) -> Result<(), Failure> {
-    std::fs::create_dir_all(out).map_err(|error| Failure::Usage(format!("--out {}: {error}", out.display())))?;
-    dataset::write_atomically(&out.join(name), format!("{text}\n").as_bytes()).map_err(|error| Failure::Analysis(error.to_string()))
 }

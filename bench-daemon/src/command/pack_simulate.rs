@@ -14,8 +14,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{
-    Failure,
-    pack::{folder, read_model},
+    Failure, files,
     pack_size::ThermalArgs,
     profile_args::{ProfileArgs, taken},
 };
@@ -150,7 +149,7 @@ struct PackReport {
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
-    let model = read_model(&args.model)?;
+    let model = files::read_model(&args.model)?;
     let profile = Profile::read(&args.profile, &args.read.options()).map_err(|error| usage(&error))?;
     let (ocv, soc) = start(args, &model)?;
     let setup = ScatterSetup {
@@ -170,7 +169,8 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let report = report(&setup, (&model, spread, draws), &met);
     let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
     if let Some(out) = &args.out {
-        folder(out, "pack.json", &json)?;
+        files::make_folder(out)?;
+        files::write_text(out, "pack.json", &format!("{json}\n"))?;
         write_draws(out, &met)?;
         picture::write(out, &setup, &met)?;
     }

@@ -1,15 +1,16 @@
 //! `eis-bench pack size`: peak, crossing and regeneration power of a pack by the simple-IR model.
 
+use crate::command::files;
 use std::path::{Path, PathBuf};
 
 use analysis::{
     pack::{Hold, OperatingPoint, Pack, PackError, SimpleIr, Sizing, SizingInput, ThermalMass},
-    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle, chart},
+    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
 use clap::Args;
 use serde::Serialize;
 
-use super::{Failure, pack::folder};
+use super::Failure;
 use crate::terminal::say;
 
 const HELP: &str = "\
@@ -214,12 +215,9 @@ fn voltage_over_power(input: &SizingInput, s: &Sizing) -> Result<Chart, PackErro
 }
 
 fn write(out: &Path, json: &str, picture: &Chart) -> Result<(), Failure> {
-    folder(out, "sizing.json", json)?;
-    for extension in ["svg", "png"] {
-        let path = out.join(format!("voltage_over_power.{extension}"));
-        chart(picture, &path).map_err(|error| Failure::Analysis(error.to_string()))?;
-    }
-    Ok(())
+    files::make_folder(out)?;
+    files::write_text(out, "sizing.json", &format!("{json}\n"))?;
+    files::write_chart(out, "voltage_over_power", picture)
 }
 
 #[cfg(test)]

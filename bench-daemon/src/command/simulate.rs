@@ -3,6 +3,7 @@
 mod case;
 mod figure;
 
+use crate::command::files;
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -174,8 +175,7 @@ fn usage(error: impl std::fmt::Display) -> Failure {
 
 fn model(args: &SimulateArgs) -> Result<(ModelFile, SimModel), Failure> {
     let name = args.model.display();
-    let text = std::fs::read_to_string(&args.model).map_err(|error| Failure::Usage(format!("--model {name}: {error}")))?;
-    let file = ModelFile::from_json(&text).map_err(|error| Failure::Usage(format!("--model {name}: {error}")))?;
+    let file = files::read_model(&args.model)?;
     let ocv = match (&file.ocv, args.ocv_v) {
         (Some(curve), _) => OcvSource::Curve(curve.clone()),
         (None, Some(ocv_v)) => OcvSource::Constant(ocv_v),
@@ -187,7 +187,7 @@ fn model(args: &SimulateArgs) -> Result<(ModelFile, SimModel), Failure> {
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
     let model = SimModel::pack(&file.fit.erm, ocv, pack).map_err(usage)?;
     if let Some(folder) = &args.out {
-        std::fs::create_dir_all(folder).map_err(|error| Failure::Usage(format!("--out {}: {error}", folder.display())))?;
+        files::make_folder(folder)?;
     }
     Ok((file, model))
 }

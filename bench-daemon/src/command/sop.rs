@@ -5,16 +5,13 @@ use std::path::{Path, PathBuf};
 use analysis::{
     forward::{CellWindow, OcvSource, SimModel},
     pack::Pack,
-    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle, chart},
+    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
     sop::{CurrentLimits, LimitedBy, SopEntry, SopGrid, SopOptions, sop_map},
 };
 use clap::Args;
 use serde::Serialize;
 
-use super::{
-    Failure,
-    pack::{folder, read_model},
-};
+use super::{Failure, files};
 use crate::terminal::say;
 
 const HELP: &str = "\
@@ -97,7 +94,7 @@ struct SopReport {
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn sop(args: &SopArgs) -> Result<(), Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
-    let file = read_model(&args.model)?;
+    let file = files::read_model(&args.model)?;
     let duration_s = numbers(&args.duration_s).map_err(|error| Failure::Usage(format!("--duration-s: {error}")))?;
     let (ocv, soc) = match (args.ocv_v, &args.soc, file.ocv) {
         (Some(ocv_v), ..) => (OcvSource::Constant(ocv_v), vec![0.5]),
@@ -119,8 +116,9 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
         SopReport { model: file.name, pack, window, max_discharge_a: args.max_discharge_a, max_charge_a: args.max_charge_a, map, notes };
     let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
     if let Some(out) = &args.out {
-        folder(out, "sop.json", &json)?;
-        folder(out, "sop.csv", csv(&report.map).trim_end())?;
+        files::make_folder(out)?;
+        files::write_text(out, "sop.json", &format!("{json}\n"))?;
+        files::write_text(out, "sop.csv", &csv(&report.map))?;
         draw(out, &report)?;
     }
     if args.json {
@@ -239,10 +237,7 @@ fn draw(out: &Path, r: &SopReport) -> Result<(), Failure> {
     ];
     let subtitle = format!("{} to {} V per cell, from rest; broken lines: simple-IR model", r.window.low_v, r.window.high_v);
     let picture = Chart::new(&format!("{}: state of power", r.pack.name()), &subtitle, panels);
-    for extension in ["svg", "png"] {
-        chart(&picture, &out.join(format!("sop.{extension}"))).map_err(|error| Failure::Analysis(error.to_string()))?;
-    }
-    Ok(())
+    files::write_chart(out, "sop", &picture)
 }
 
 #[cfg(test)]

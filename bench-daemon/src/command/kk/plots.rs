@@ -1,26 +1,11 @@
 //! The pictures of `kk`.
 
-use std::path::Path;
-
 use analysis::{
     drt::Drt,
-    plot::{self, AxisSpec, Chart, Panel, Trace, TraceStyle},
+    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
     spectrum::Spectrum,
     validity::{Assessed, KkPoint},
 };
-
-use crate::command::Failure;
-
-/// Writes a chart as SVG and PNG beside each other.
-pub(crate) fn write(stem: &Path, chart: &Chart) -> Result<(), Failure> {
-    for extension in ["svg", "png"] {
-        // A name may hold dots: an extension is added, not exchanged.
-        let mut path = stem.as_os_str().to_owned();
-        path.push(format!(".{extension}"));
-        plot::chart(chart, Path::new(&path)).map_err(|error| Failure::Analysis(error.to_string()))?;
-    }
-    Ok(())
-}
 
 fn frequency() -> AxisSpec {
     AxisSpec::logarithmic("Frequency / Hz")

@@ -1,11 +1,12 @@
 //! Pictures of packs that differ: bands over time, and how the worst cells are distributed.
 
+use crate::command::files;
 use std::path::Path;
 
 use analysis::{
     forward::Demand,
     pack::{BandRow, Outcome, Percentiles, Scatter, ScatterSetup},
-    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle, chart},
+    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
 
 use crate::command::Failure;
@@ -13,9 +14,7 @@ use crate::command::Failure;
 /// Writes `bands` and `distribution` as SVG and PNG.
 pub(super) fn write(out: &Path, setup: &ScatterSetup<'_>, met: &Scatter) -> Result<(), Failure> {
     for (name, picture) in [("bands", bands(setup, met)), ("distribution", distribution(setup, met))] {
-        for extension in ["svg", "png"] {
-            chart(&picture, &out.join(format!("{name}.{extension}"))).map_err(|error| Failure::Analysis(error.to_string()))?;
-        }
+        files::write_chart(out, name, &picture)?;
     }
     Ok(())
 }

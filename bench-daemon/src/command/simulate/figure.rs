@@ -1,10 +1,11 @@
 //! The picture of one or several profiles: power, voltage with the window, and state of charge where it is known.
 
+use crate::command::files;
 use std::path::Path;
 
 use analysis::{
     forward::{CellWindow, OcvSource, SimModel, Trace as Run},
-    plot::{self, AxisSpec, Chart, Panel, Trace, TraceStyle},
+    plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
 
 use super::case::Case;
@@ -14,16 +15,9 @@ use crate::command::Failure;
 pub(super) fn write(folder: &Path, (cases, model): (&[Case], &SimModel), window: CellWindow) -> Result<(), Failure> {
     for case in cases {
         let name = if cases.len() == 1 { "simulation".to_owned() } else { case.profile.name.clone() };
-        draw(folder, &name, &one(case, model, window))?;
+        files::write_chart(folder, &name, &one(case, model, window))?;
     }
-    if cases.len() > 1 { draw(folder, "profiles", &all(cases, model, window)) } else { Ok(()) }
-}
-
-fn draw(folder: &Path, name: &str, chart: &Chart) -> Result<(), Failure> {
-    for extension in ["svg", "png"] {
-        plot::chart(chart, &folder.join(format!("{name}.{extension}"))).map_err(|error| Failure::Analysis(error.to_string()))?;
-    }
-    Ok(())
+    if cases.len() > 1 { files::write_chart(folder, "profiles", &all(cases, model, window)) } else { Ok(()) }
 }
 
 fn points(run: &Run, y: impl Fn(usize) -> f64) -> Vec<(f64, f64)> {

@@ -1,0 +1,41 @@
+//! The files that commands read and write: a model in, texts and pictures out.
+
+use std::path::Path;
+
+use analysis::{
+    dataset,
+    fit::ModelFile,
+    plot::{self, Chart, PlotError},
+};
+
+use super::Failure;
+
+/// Reads the model file of `--model`.
+pub(super) fn read_model(path: &Path) -> Result<ModelFile, Failure> {
+    let fail = |error: &dyn std::fmt::Display| Failure::Usage(format!("--model {}: {error}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| fail(&error))?;
+    ModelFile::from_json(&text).map_err(|error| fail(&error))
+}
+
+/// Makes the folder of `--out` if need be.
+pub(super) fn make_folder(out: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(out).map_err(|error| Failure::Usage(format!("--out {}: {error}", out.display())))
+}
+
+/// Writes a text into a folder.
+pub(super) fn write_text(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
+    dataset::write_atomically(&folder.join(name), text.as_bytes()).map_err(|error| Failure::Analysis(error.to_string()))
+}
+
+/// Draws a picture into a folder, as SVG and as PNG.
+pub(super) fn write_picture(folder: &Path, name: &str, draw: impl Fn(&Path) -> Result<(), PlotError>) -> Result<(), Failure> {
+    // A name may hold dots: the extension is added, not exchanged.
+    ["svg", "png"]
+        .into_iter()
+        .try_for_each(|extension| draw(&folder.join(format!("{name}.{extension}"))).map_err(|error| Failure::Analysis(error.to_string())))
+}
+
+/// Draws a chart into a folder, as SVG and as PNG.
+pub(super) fn write_chart(folder: &Path, name: &str, chart: &Chart) -> Result<(), Failure> {
+    write_picture(folder, name, |path| plot::chart(chart, path))
+}
