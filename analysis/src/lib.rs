@@ -8,10 +8,13 @@
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 
+pub mod augmented;
 pub mod budget;
 pub mod calibration;
 pub mod dataset;
+pub mod diagnosis;
 pub mod drt;
+pub mod effects;
 pub mod fit;
 pub mod formats;
 pub mod forward;

@@ -1,0 +1,39 @@
+//! The augmented model: an extended Randles model with effects of the catalogue added, in frequency and in time.
+//!
+//! V(t) = U(z) − f₀·R·i − Σ vⱼ + Σ additions. The branches of the [`Network`] are stepped exactly for a current that is held or changes linearly over a
+//! sample; effects with a state of their own are moved half a step before and half a step after them (Strang splitting, second order). [`Player`] plays
+//! records; [`impedance`] is the small-signal limit.
+
+mod branch;
+mod network;
+mod play;
+
+pub use network::{Branch, Law, Network};
+pub use play::{Between, Grid, Player};
+
+use crate::effects::{Base, Effect, Point};
+use num_complex::Complex64;
+
+/// An effect with the values of its parameters.
+#[derive(Clone, Copy)]
+pub struct Added<'a> {
+    /// The effect.
+    pub effect: &'a dyn Effect,
+    /// Values in the order of [`Effect::parameters`].
+    pub p: &'a [f64],
+}
+
+/// The network of a base with all additions.
+pub fn network(base: &Base, added: &[Added<'_>]) -> Network {
+    let mut network = Network::of(&base.erm);
+    for a in added {
+        a.effect.network(a.p, base, &mut network);
+    }
+    network
+}
+
+/// What a spectrum's point shows: the network's impedance (or `control_ohm` where a control is in the jig) through all effects, Ω.
+pub fn impedance(network: &Network, base: &Base, added: &[Added<'_>], at: &Point, control_ohm: Option<Complex64>) -> Complex64 {
+    let z = control_ohm.unwrap_or_else(|| network.impedance(at.freq_hz));
+    added.iter().fold(z, |z, a| a.effect.impedance(a.p, base, at, z))
+}

@@ -1,0 +1,138 @@
+//! The data set of a diagnosis: runs with their circumstances, and what the bench's history says of its errors.
+
+use crate::augmented::Between;
+use crate::series::TimeSeries;
+use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
+
+/// Runs that belong together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DataSet {
+    /// Name for reports.
+    pub name: String,
+    /// The runs, in any order.
+    pub runs: Vec<Run>,
+    /// What the bench's past says of its errors; none where nothing is known.
+    pub history: Option<BenchHistory>,
+}
+
+/// One run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Run {
+    /// Name, unique within the data set.
+    pub name: String,
+    /// What was in the jig.
+    pub fixture: Fixture,
+    /// What the run is used for.
+    pub role: Role,
+    /// Runs of one group repeat each other.
+    pub repeat_group: String,
+    /// Place in the order of time, 0 for the first.
+    pub order: u32,
+    /// Start since the start of the first run, s.
+    pub start_s: f64,
+    /// Temperature of the cell at the start, °C.
+    pub temperature_c: f64,
+    /// State of charge at the start.
+    pub start: Start,
+    /// What was measured.
+    pub data: RunData,
+}
+
+/// What was in the jig.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Fixture {
+    /// A cell of this name.
+    Cell(String),
+    /// A shunt of this resistance, Ω.
+    Shunt(f64),
+    /// A fake cell of this resistance, Ω.
+    FakeCell(f64),
+}
+
+/// What a run is used for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// Fitted.
+    Train,
+    /// Only predicted.
+    HeldOut,
+}
+
+/// Where a run starts, at rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Start {
+    /// At a state of charge, 0…1.
+    Soc(f64),
+    /// At an open-circuit voltage, V.
+    Ocv(f64),
+}
+
+/// What was measured.
+#[derive(Debug, Clone, PartialEq)]
+pub enum RunData {
+    /// A spectrum.
+    Eis(Sweep),
+    /// A record in time.
+    Time(TimeRecord),
+}
+
+/// A spectrum.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sweep {
+    /// Direct current under the sweep, A, discharge positive.
+    pub bias_a: f64,
+    /// Its points, by rising frequency.
+    pub points: Vec<SweepPoint>,
+}
+
+/// One point of a spectrum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SweepPoint {
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// Impedance, Ω.
+    pub z_ohm: Complex64,
+    /// Standard uncertainty of real and imaginary part, Ω, where stated.
+    pub sigma_ohm: Option<(f64, f64)>,
+    /// Amplitude of the current, A, where stated.
+    pub amplitude_a: Option<f64>,
+}
+
+/// A record in time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimeRecord {
+    /// Current (discharge positive) and voltage. Times start at 0 where the cell is at rest.
+    pub series: TimeSeries,
+    /// What the current does between two samples.
+    pub between: Between,
+}
+
+/// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data sheets, zero checks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BenchHistory {
+    /// White noise of one voltage sample, V.
+    pub voltage_noise_v: f64,
+    /// Step of the voltage channel's codes, V; 0 where unknown.
+    pub voltage_resolution_v: f64,
+    /// Level of a run's voltage, V.
+    pub voltage_offset_v: f64,
+    /// Slow drift of the voltage, V.
+    pub voltage_drift_v: f64,
+    /// Its correlation time, s.
+    pub voltage_drift_s: f64,
+    /// Run-to-run spread of all resistances, as a fraction.
+    pub resistance_rel: f64,
+    /// Gain of the current channel from run to run, as a fraction.
+    pub current_gain_rel: f64,
+    /// Zero of the current channel from run to run, A.
+    pub current_offset_a: f64,
+    /// White noise of one current sample, A.
+    pub current_noise_a: f64,
+    /// Step of the current channel's codes, A; 0 where unknown.
+    pub current_resolution_a: f64,
+    /// Noise of one part of a spectrum's point, as a fraction of |Z|.
+    pub eis_noise_rel: f64,
+}

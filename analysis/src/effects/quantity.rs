@@ -1,0 +1,63 @@
+//! Parameters of effects.
+
+/// How a parameter is searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scale {
+    /// As it is.
+    Linear,
+    /// By its logarithm: for values above zero.
+    Log,
+    /// Not searched: each start is tried and stays (the number of a branch).
+    Choice,
+}
+
+/// Lowest and highest value that physics and the base fit allow.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    /// Lowest value.
+    pub lower: f64,
+    /// Highest value.
+    pub upper: f64,
+}
+
+/// One parameter of an effect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Name with unit in files: `r_ohm`.
+    pub name: &'static str,
+    /// Unit: `Ω`; empty for a plain number.
+    pub unit: &'static str,
+    /// Bounds. The strength's may reach to both sides of zero or start there.
+    pub range: Range,
+    /// How it is searched; a strength is always linear.
+    pub scale: Scale,
+    /// A typical size: the step of finite differences is a small part of it.
+    pub typical: f64,
+    /// Values to start from; empty for a strength, which starts at zero.
+    pub starts: Vec<f64>,
+}
+
+impl Parameter {
+    /// The strength of an effect: zero is absence.
+    pub fn strength(name: &'static str, unit: &'static str, range: Range, typical: f64) -> Self {
+        Self { name, unit, range, scale: Scale::Linear, typical, starts: Vec::new() }
+    }
+
+    /// A positive shape parameter searched by its logarithm from several starts.
+    pub fn shape(name: &'static str, unit: &'static str, range: Range, starts: Vec<f64>) -> Self {
+        let typical = starts.first().copied().unwrap_or(range.lower);
+        Self { name, unit, range, scale: Scale::Log, typical, starts }
+    }
+
+    /// A choice among whole numbers from 0 on, each tried.
+    pub fn choice(name: &'static str, count: usize) -> Self {
+        let starts: Vec<f64> = (0..count).map(|k| k as f64).collect();
+        Self { name, unit: "", range: Range { lower: 0.0, upper: count as f64 }, scale: Scale::Choice, typical: 1.0, starts }
+    }
+}
+
+/// `count` values from `low` to `high`, equally spaced on a logarithmic scale; `low` alone for a count of 1.
+pub(crate) fn log_grid(low: f64, high: f64, count: usize) -> Vec<f64> {
+    let last = count.saturating_sub(1).max(1) as f64;
+    (0..count).map(|k| low * (high / low).powf(k as f64 / last)).collect()
+}

@@ -1,0 +1,61 @@
+//! Joule heat warms the cell, warmth lowers its resistance.
+
+use super::{Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Range, Record};
+
+static CARD: Card = Card {
+    name: "self_heating",
+    title: "Joule self-heating with Arrhenius resistance",
+    group: Group::Cell,
+    mechanism: "The current's heat warms the cell above its surroundings; ions and charge transfer follow Arrhenius, so that all resistances fall.",
+    state_equation: "C·dΔT/dt = i·η − ΔT/R_th, R = R_ref·exp(−κ·ΔT); with x = κ·ΔT: dx/dt = g·i·η − x/τ; g = κ/C in 1/J, τ = R_th·C in s",
+    impedance: "R of a sweep at another temperature: exp(−κ(T − T_ref)), which has no part in g",
+    source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, without the reversible term; Arrhenius linearised in the exponent",
+    signature: "resistance falls with the heat received, the same for both signs, lasts for minutes",
+    confounders: &["soc_resistance", "butler_volmer", "shunt_heating"],
+    experiment: "bursts of ±100 A without net charge; a thermocouple",
+};
+
+/// See [`Effect::card`].
+#[derive(Debug)]
+pub(super) struct SelfHeating;
+
+impl Effect for SelfHeating {
+    fn card(&self) -> &'static Card {
+        &CARD
+    }
+
+    fn parameters(&self, base: &Base) -> Vec<Parameter> {
+        if base.facts.longest_s <= 0.0 {
+            return Vec::new();
+        }
+        // κ up to 0.08 /K over the heat capacity of a cell, which grows with its charge: about 16 J/K per Ah.
+        let upper = 0.08 / (10.0 * base.ocv.capacity_ah);
+        vec![
+            Parameter::strength("g_per_j", "1/J", Range { lower: 0.0, upper }, 0.05 * upper),
+            Parameter::shape("tau_s", "s", Range { lower: 60.0, upper: 6000.0 }, vec![600.0]),
+        ]
+    }
+
+    fn dynamics(&self, p: &[f64], _base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
+        Some(Box::new(Heat { g_per_j: p[0], tau_s: p[1], x: 0.0 }))
+    }
+}
+
+struct Heat {
+    g_per_j: f64,
+    tau_s: f64,
+    /// κ·ΔT.
+    x: f64,
+}
+
+impl Dynamics for Heat {
+    fn modulation(&self, _at: &Instant) -> Modulation {
+        Modulation::all((-self.x).exp())
+    }
+
+    fn advance(&mut self, at: &Instant, step_s: f64) {
+        let decay = (-step_s / self.tau_s).exp();
+        let heat_w = at.current_a * at.overpotential_v;
+        self.x = decay * self.x + (1.0 - decay) * self.tau_s * self.g_per_j * heat_w;
+    }
+}

@@ -1,0 +1,116 @@
+//! What an effect is told of model, data and moment.
+
+use crate::model::Erm;
+use crate::ocv::OcvCurve;
+
+/// The base model and what bounds are derived from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Base {
+    /// The fitted extended Randles model of one cell.
+    pub erm: Erm,
+    /// Open-circuit voltage over SOC, with the capacity.
+    pub ocv: OcvCurve,
+    /// What the data reach.
+    pub facts: Facts,
+}
+
+/// What the data reach.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Facts {
+    /// Lowest frequency of a spectrum, Hz; none without spectra.
+    pub lowest_hz: Option<f64>,
+    /// Highest frequency of a spectrum, Hz; none without spectra.
+    pub highest_hz: Option<f64>,
+    /// Longest record in time, s; zero without any.
+    pub longest_s: f64,
+    /// Shortest distance of two samples, s; infinite without records.
+    pub shortest_s: f64,
+    /// Largest current of a record, A.
+    pub greatest_a: f64,
+    /// Most charge moved within one record, as a part of the capacity.
+    pub widest_soc: f64,
+    /// SOC that resistances refer to: the spectra's mean, else the records'.
+    pub soc: f64,
+    /// Temperature that resistances refer to, °C.
+    pub temperature_c: f64,
+    /// Span of run orders; zero where all are equal.
+    pub orders: f64,
+    /// Span of the runs' start times, s.
+    pub span_s: f64,
+}
+
+/// One point of a spectrum and the circumstances of its run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// Amplitude of the current, A; none where it is not stated.
+    pub amplitude_a: Option<f64>,
+    /// Direct current under the sweep, A, discharge positive.
+    pub bias_a: f64,
+    /// SOC of the run.
+    pub soc: f64,
+    /// Temperature of the run, °C.
+    pub temperature_c: f64,
+    /// Order of the run in time, 0 for the first.
+    pub order: f64,
+    /// Start of the run since the start of the campaign, s.
+    pub start_s: f64,
+    /// False for a control impedance in the jig: only the bench acts then.
+    pub is_cell: bool,
+}
+
+/// One record in time and the circumstances of its run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Record<'a> {
+    /// Time since the start of the record, s.
+    pub time_s: &'a [f64],
+    /// Logged current, A, discharge positive.
+    pub current_a: &'a [f64],
+    /// SOC at the start.
+    pub soc: f64,
+    /// Temperature of the run, °C.
+    pub temperature_c: f64,
+    /// Order of the run in time, 0 for the first.
+    pub order: f64,
+    /// Start of the run since the start of the campaign, s.
+    pub start_s: f64,
+    /// False for a control impedance in the jig.
+    pub is_cell: bool,
+}
+
+/// One moment within a record.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Instant {
+    /// Time since the start of the record, s.
+    pub time_s: f64,
+    /// Current through the cell, A, discharge positive.
+    pub current_a: f64,
+    /// SOC.
+    pub soc: f64,
+    /// OCV at this SOC, V.
+    pub ocv_v: f64,
+    /// dOCV/dSOC at this SOC, V.
+    pub slope_v: f64,
+    /// Overpotential: what current and branches take off the OCV, V, positive under discharge.
+    pub overpotential_v: f64,
+}
+
+/// Factors on resistances. Capacitances stay, so that a branch's time constant follows its resistance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Modulation {
+    /// On the series resistance.
+    pub series: f64,
+    /// On the resistances of all branches.
+    pub branches: f64,
+}
+
+impl Modulation {
+    /// No change.
+    pub const NONE: Self = Self { series: 1.0, branches: 1.0 };
+
+    /// The same factor on everything.
+    pub fn all(factor: f64) -> Self {
+        Self { series: factor, branches: factor }
+    }
+}
