@@ -111,9 +111,9 @@ impl Player {
         self.load(&network, (grid, if linear { 1 } else { parts }), clock);
         let run = Run { base, network: &network, record, current_a: &current_a, grid, parts, clock };
         if linear {
-            self.linear(&run, voltage_v)
+            self.linear(&run, voltage_v);
         } else {
-            self.general(&run, &mut dynamics, voltage_v)
+            self.general(&run, &mut dynamics, voltage_v);
         }
         added.iter().for_each(|a| a.effect.voltage(a.p, record, voltage_v));
         self.current_a = current_a;
