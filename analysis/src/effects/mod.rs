@@ -5,13 +5,30 @@
 //! [`Effect`]: on the linear network, on a spectrum's point, on what the current channel says, on the cell while time passes, on what the voltage channel
 //! says. [`crate::augmented`] plays any set of them together. What is not here: the search for the effect ([`crate::diagnosis`]).
 
+mod ageing;
+mod butler_volmer;
+mod butler_volmer_asymmetric;
 mod catalogue;
+mod charge_transfer;
+mod cpe;
+mod current_asymmetry;
 mod current_offset;
+mod diffusion;
+mod electrolyte_depletion;
+mod entropic_heat;
+mod hysteresis;
+mod ladder;
+mod ocv_curvature;
+mod ocv_slope;
 mod quantity;
 mod rc_slow;
+mod self_discharge;
 mod self_heating;
 mod situation;
+mod soc_resistance;
+mod surface_soc;
 mod time_skew;
+mod warburg;
 
 pub use catalogue::{catalogue, find};
 pub use quantity::{Parameter, Range, Scale};
