@@ -1,6 +1,6 @@
 //! One trial: hidden truth, data set, diagnosis, score.
 
-use analysis::diagnosis::{DiagnosisOptions, Gap, Outcome, Verdict, diagnose, yardstick};
+use analysis::diagnosis::{Block, DiagnosisOptions, Gap, Outcome, Verdict, diagnose, yardstick};
 use fixtures::hidden::{Case, EffectKind, Spec, Stratum};
 use serde::Serialize;
 
@@ -55,6 +55,8 @@ pub struct Score {
     pub closed: Option<f64>,
     /// Per parameter of a rightly named effect with a known true value: name, error in σ, relative error.
     pub parameters: Vec<ParameterScore>,
+    /// The most significant blocks of the base's residual: dimension, part, χ² against its expectation.
+    pub places: Vec<String>,
     /// Why the best refused candidate was refused.
     pub notes: Vec<String>,
 }
@@ -157,6 +159,10 @@ fn end(verdict: Option<Verdict>, truth: &[&str], named: &[&str], rivals: &[&str]
     }
 }
 
+fn place(b: &Block) -> String {
+    format!("{}, {}: χ² {:.0} of {:.0}, mean {:.1} σ, p {:.1e}", b.dimension, b.part, b.chi2, b.expected_chi2, b.mean_z, b.p_value)
+}
+
 fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, closed): (Option<f64>, Option<f64>)) -> Score {
     let truth = truth(case);
     let d = outcome.map(|o| &o.diagnosis);
@@ -174,6 +180,7 @@ fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, clos
         fit_z: d.map_or((f64::NAN, f64::NAN), |d| (d.quality.base_z, d.quality.augmented_z)),
         closed,
         parameters: Vec::new(),
+        places: d.map_or(Vec::new(), |d| d.blocks.iter().take(5).map(place).collect()),
         notes: d.map_or(Vec::new(), |d| d.notes.clone()),
     }
 }
