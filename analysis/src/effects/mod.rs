@@ -27,6 +27,8 @@ mod self_heating;
 mod situation;
 mod soc_resistance;
 mod surface_soc;
+#[cfg(test)]
+mod tests;
 mod time_skew;
 mod warburg;
 
