@@ -36,6 +36,8 @@ mod shunt_heating;
 mod situation;
 mod soc_resistance;
 mod surface_soc;
+#[cfg(test)]
+mod tests;
 mod thermal_emf;
 mod time_skew;
 mod voltage_gain;
