@@ -2,6 +2,7 @@
 
 mod data;
 mod outcome;
+pub mod report;
 
 pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
 pub use outcome::{
