@@ -125,10 +125,9 @@ struct Columns {
 }
 
 impl Columns {
-    fn of(panel: &BarPanel, width: f64) -> Result<Self, PlotError> {
-        // Bold letters are about a tenth wider.
-        let names = 1.1 * widest(panel.rows().map(|r| r.label.as_str()), SMALL)?;
-        let ends = widest(panel.bars().map(|b| b.text.as_str()), SMALL)?;
+    fn of(panel: &BarPanel, names: f64, width: f64) -> Result<Self, PlotError> {
+        let drawn = panel.bars().filter(|b| panel.axis.coordinate(b.value).is_finite());
+        let ends = widest(drawn.map(|b| b.text.as_str()), SMALL)?;
         let remarks = widest(panel.rows().map(|r| r.note.as_str()).chain([panel.note_heading.as_str()]), SMALL)?;
         let right = width - RIGHT;
         let left = MARGIN + names.min(0.3 * width) + 10.0;
@@ -157,8 +156,10 @@ pub(super) fn layout(chart: &BarChart) -> Result<Scene, PlotError> {
         })
         .collect();
     let (mut shapes, mut top) = strip((&chart.title, &chart.subtitle), &entries, width)?;
+    // Bold letters are about a tenth wider.
+    let names = 1.1 * widest(chart.panels.iter().flat_map(BarPanel::rows).map(|r| r.label.as_str()), SMALL)?;
     for panel in chart.panels.iter().filter(|p| p.rows().next().is_some()) {
-        let columns = Columns::of(panel, width)?;
+        let columns = Columns::of(panel, names, width)?;
         let (drawn, bottom) = draw(panel, &columns, top)?;
         shapes.extend(drawn);
         top = bottom + PANEL_GAP;
@@ -215,7 +216,9 @@ fn draw_row((panel, columns): (&BarPanel, &Columns), row: &BarRow, top: f64) -> 
             let colour = if bar.faint { colour.faded(FAINT) } else { colour };
             shapes.push(rectangle((start.min(end), start.max(end)), (y - BAR / 2.0, y + BAR / 2.0), colour));
         }
-        shapes.push(words(&bar.text, (start.max(end) + 6.0, y), SMALL, (HPos::Left, VPos::Center)));
+        // Words stand right of the reference rather than on it.
+        let reference = panel.reference.as_ref().and_then(|r| columns.place(panel, r.value)).unwrap_or(start);
+        shapes.push(words(&bar.text, (start.max(end).max(reference) + 6.0, y), SMALL, (HPos::Left, VPos::Center)));
     }
     Ok((shapes, lines * STEP))
 }

@@ -1,7 +1,7 @@
 //! A matrix as coloured squares with numbers.
 
 use super::PlotError;
-use super::frame::{RIGHT, label, strip, widest, words};
+use super::frame::{LEFT, RIGHT, label, strip, widest, words};
 use super::marks::{GREY, INK};
 use super::scene::{Colour, HPos, Label, Scene, Shape, VPos, text_width};
 
@@ -84,9 +84,9 @@ fn key(scale: &HeatScale, top: f64) -> Result<Vec<Shape>, PlotError> {
     const LENGTH: f64 = 180.0;
     const PIECES: u32 = 36;
     let (low, high) = (format!("{} {}", scale.ends.0, scale.words.0), format!("{} {}", scale.ends.1, scale.words.1));
-    let start = MARGIN + text_width(&low, SMALL)? + 10.0;
+    let start = LEFT + text_width(&low, SMALL)? + 10.0;
     let middle = top + 12.0;
-    let mut shapes = vec![words(&low, (MARGIN, middle), SMALL, (HPos::Left, VPos::Center))];
+    let mut shapes = vec![words(&low, (LEFT, middle), SMALL, (HPos::Left, VPos::Center))];
     for k in 0..PIECES {
         let (x0, x1) = (start + LENGTH * f64::from(k) / f64::from(PIECES), start + LENGTH * f64::from(k + 1) / f64::from(PIECES));
         let points = vec![(x0, middle - 8.0), (x1, middle - 8.0), (x1, middle + 8.0), (x0, middle + 8.0)];

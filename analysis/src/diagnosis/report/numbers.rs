@@ -27,14 +27,14 @@ impl Unit {
             None
         };
         let factor = exponent.map_or(factor, |e| 10f64.powi(e));
-        let decimals = (1.0 - (resolution.abs() / factor).log10().floor()).clamp(0.0, 6.0);
-        Self { factor, name, decimals: if decimals.is_finite() { decimals as usize } else { 2 }, exponent }
+        let known = resolution.is_finite() && resolution != 0.0;
+        let decimals = if known { (1.0 - (resolution.abs() / factor).log10().floor()).clamp(0.0, 6.0) } else { 2.0 };
+        Self { factor, name, decimals: decimals as usize, exponent }
     }
 
     /// A number without its unit.
     pub(super) fn number(&self, value: f64) -> String {
-        let text = format!("{:.*}", self.decimals, value / self.factor);
-        let text = text.strip_prefix('-').map_or_else(|| text.clone(), |rest| format!("−{rest}"));
+        let text = signed(format!("{:.*}", self.decimals, value / self.factor));
         self.exponent.map_or_else(|| text.clone(), |e| format!("{text}·10{}", superscript(e)))
     }
 
@@ -55,8 +55,27 @@ pub(super) fn plain(value: f64) -> String {
         return "–".to_owned();
     }
     let decimals = if value == 0.0 { 0.0 } else { (2.0 - value.abs().log10().floor()).clamp(0.0, 3.0) };
-    let text = format!("{value:.*}", decimals as usize);
-    text.strip_prefix('-').map_or_else(|| text.clone(), |rest| format!("−{rest}"))
+    signed(format!("{value:.*}", decimals as usize))
+}
+
+/// A number of standard deviations, or how many times something is.
+pub(super) fn times(value: f64) -> String {
+    let decimals = match value.abs() {
+        v if v < 2.0 => 2,
+        v if v < 100.0 => 1,
+        _ => 0,
+    };
+    if value.is_finite() { signed(format!("{value:.decimals$}")) } else { "–".to_owned() }
+}
+
+/// A part as a whole number of per cent.
+pub(super) fn percent(part: f64) -> String {
+    if part.is_finite() { signed(format!("{:.0} %", 100.0 * part)) } else { "–".to_owned() }
+}
+
+/// With a true minus sign.
+fn signed(text: String) -> String {
+    if text.starts_with('-') { text.replacen('-', "−", 1) } else { text }
 }
 
 /// A probability.
@@ -65,6 +84,7 @@ pub(super) fn probability(p: f64) -> String {
         _ if !p.is_finite() => "–".to_owned(),
         _ if p < 1e-15 => "< 10⁻¹⁵".to_owned(),
         _ if p < 1e-3 => format!("10{}", superscript(p.log10().round() as i32)),
+        _ if p < 0.1 => format!("{p:.3}"),
         _ => format!("{p:.2}"),
     }
 }
@@ -108,8 +128,12 @@ mod tests {
     #[test]
     fn probabilities_and_plain_numbers() {
         let p: Vec<String> = [0.5, 0.049, 3e-7, 1e-40, f64::NAN].into_iter().map(probability).collect();
-        assert_eq!(p, ["0.50", "0.05", "10⁻⁷", "< 10⁻¹⁵", "–"]);
+        assert_eq!(p, ["0.50", "0.049", "10⁻⁷", "< 10⁻¹⁵", "–"]);
         let n: Vec<String> = [27.94, 3.1, 0.0, 1234.5, -0.01, f64::INFINITY].into_iter().map(plain).collect();
         assert_eq!(n, ["27.9", "3.10", "0", "1234", "−0.010", "–"]);
+        let z: Vec<String> = [-0.4, 9.55, 323.4, f64::NAN].into_iter().map(times).collect();
+        assert_eq!(z, ["−0.40", "9.6", "323", "–"]);
+        let parts: Vec<String> = [0.916, -0.53, f64::NAN].into_iter().map(percent).collect();
+        assert_eq!(parts, ["92 %", "−53 %", "–"]);
     }
 }

@@ -53,7 +53,8 @@ impl Page {
     pub(super) fn text(&self) -> String {
         let mut out = format!("{}\n", self.title);
         for section in self.sections.iter().filter(|s| !s.items.is_empty()) {
-            out.push_str(&format!("\n{}\n", section.heading.to_uppercase()));
+            out.push_str(if out.ends_with("\n\n") { "" } else { "\n" });
+            out.push_str(&format!("{}\n", section.heading.to_uppercase()));
             for item in &section.items {
                 item.text(&mut out);
             }
@@ -77,11 +78,18 @@ impl Page {
 impl Item {
     fn text(&self, out: &mut String) {
         match self {
+            Self::Table(header, rows) => {
+                if !out.ends_with("\n\n") {
+                    out.push('\n');
+                }
+                push_table(out, header, rows);
+                out.push('\n');
+            }
             Self::Text(text) => push_wrapped(out, text, ("  ", "  ")),
             Self::List(points) => points.iter().for_each(|point| push_wrapped(out, point, ("  - ", "    "))),
-            Self::Table(header, rows) => push_table(out, header, rows),
             Self::Fields(name, fields) => {
-                out.push_str(&format!("\n  {name}\n"));
+                out.push_str(if out.ends_with("\n\n") { "" } else { "\n" });
+                out.push_str(&format!("  {name}\n"));
                 let most = fields.iter().map(|f| f.0.chars().count()).max().unwrap_or(0);
                 for (field, text) in fields {
                     push_wrapped(out, text, (&format!("    {field:<most$}  "), &" ".repeat(most + 6)));

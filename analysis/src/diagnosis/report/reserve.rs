@@ -1,7 +1,7 @@
 //! The reserves of a diagnosis: what would falsify it, what to measure next, what stays open, what is not claimed, the noise behind it.
 
 use super::is_significant;
-use super::numbers::{plain, quantity};
+use super::numbers::{percent, plain, quantity, times};
 use super::page::{Item, Section};
 use super::titled;
 use crate::diagnosis::outcome::{Block, Diagnosis, NoiseTerm, Verdict};
@@ -28,7 +28,7 @@ pub(super) fn next_experiment(d: &Diagnosis) -> Section {
     if !next.separates.is_empty() {
         let names: Vec<String> = next.separates.iter().map(|n| titled(n)).collect();
         points.push(format!("Tells apart: {}.", names.join(", ")));
-        let (now, then) = (plain(next.separation_now_sigma), plain(next.separation_sigma));
+        let (now, then) = (times(next.separation_now_sigma), times(next.separation_sigma));
         points.push(format!("Expected separation of the closest pair: {then} σ; with the data at hand {now} σ."));
     }
     points.push(format!("Takes {} min on the bench and moves {} Ah in either direction.", plain(next.duration_min), plain(next.charge_ah)));
@@ -44,8 +44,8 @@ pub(super) fn unexplained(d: &Diagnosis) -> Section {
     }
     let lead = match (left.is_empty(), z >= POOR_FIT_Z) {
         (true, false) => "Nothing beyond the noise.".to_owned(),
-        (true, true) => format!("χ² is still {} σ above noise, spread over all blocks.", plain(z)),
-        (false, _) => format!("Still outside the noise (χ² {} σ above it):", plain(z)),
+        (true, true) => format!("χ² is still {} σ above noise, spread over all blocks.", times(z)),
+        (false, _) => format!("Still outside the noise (χ² {} σ above it):", times(z)),
     };
     let mut items = vec![Item::Text(lead)];
     if !points.is_empty() {
@@ -63,11 +63,11 @@ fn hint(d: &Diagnosis) -> Option<Item> {
     let helped = d.ranking.iter().filter(|c| !d.effects.iter().any(|e| e.name == c.name)).filter_map(|c| c.lambda.map(|l| (c, l)));
     let (best, lambda) = helped.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, l)| *l > 0.0 && excess > 0.0)?;
     Some(Item::Text(format!(
-        "A hint, not a name: {} helps most; alone it would remove {} of an excess χ² of {} ({:.0} %).",
+        "A hint, not a name: {} helps most; alone it would remove {} of an excess χ² of {} ({}).",
         titled(best.name),
         plain(lambda),
         plain(excess),
-        100.0 * lambda / excess
+        percent(lambda / excess)
     )))
 }
 
@@ -105,7 +105,7 @@ pub(super) fn noise(d: &Diagnosis) -> Section {
         false => "Assumed, not measured: the data hold no repeats. All significances and scores above stand and fall with it.",
     };
     let row = |t: &NoiseTerm| {
-        let z = t.z.map_or("–".to_owned(), |z| format!("{} σ", plain(z)));
+        let z = t.z.map_or("–".to_owned(), |z| format!("{} σ", times(z)));
         vec![t.name.to_owned(), quantity(t.sigma, ""), t.history.map_or("–".to_owned(), |h| quantity(h, "")), z]
     };
     let table = Item::Table(vec!["Term", "Used", "History of the bench", "Distance from it"], d.noise.terms.iter().map(row).collect());

@@ -1,6 +1,6 @@
 //! The sections of a diagnosis: where, what, how sure, what else, the gap.
 
-use super::numbers::{Unit, plain, probability, quantity};
+use super::numbers::{Unit, percent, plain, probability, times};
 use super::page::{Item, Page, Section};
 use super::pictures::Kind;
 use super::{SCORE_THRESHOLD, SIGNIFICANT_P, after, counted, is_significant, misfit, reserve, titled};
@@ -56,7 +56,7 @@ fn location(d: &Diagnosis) -> Section {
     if !significant.is_empty() {
         items.push(block_table(d, &significant));
         items.push(Item::Text(
-            "Misfit / noise is the root of χ² over its expectation, outside what the model's own parameters can take up: 1 is noise alone."
+            "Misfit / noise is the root of χ² over its expectation, outside what the model's own parameters can take up: 1 is noise alone. The mean residual is in standard deviations of that mean."
                 .into(),
         ));
     }
@@ -75,22 +75,18 @@ fn left_over(d: &Diagnosis) -> String {
 }
 
 fn block_table(d: &Diagnosis, blocks: &[&Block]) -> Item {
+    let mut header = vec!["Block", "Misfit / noise", "Mean", "p", "RMS", "Misfit after", "p after"];
+    header.truncate(if d.effects.is_empty() { 5 } else { 7 });
     let row = |b: &&Block| {
         let part = format!("{}: {}", b.dimension, b.part);
         let later = after(d, b).filter(|_| !d.effects.is_empty());
         let unit = if b.dimension == "frequency" { "‰ of |Z|" } else { "mV" };
-        vec![
-            part,
-            plain(misfit(b)),
-            format!("{} σ", plain(b.mean_z)),
-            probability(b.p_value),
-            format!("{} {unit}", plain(b.rms)),
-            later.map_or("–".to_owned(), |a| plain(misfit(a))),
-            later.map_or("–".to_owned(), |a| probability(a.p_value)),
-        ]
+        let before = [part, times(misfit(b)), format!("{} σ", times(b.mean_z)), probability(b.p_value), format!("{} {unit}", plain(b.rms))];
+        let later = [later.map_or("–".to_owned(), |a| times(misfit(a))), later.map_or("–".to_owned(), |a| probability(a.p_value))];
+        before.into_iter().chain(later).take(header.len()).collect()
     };
     let rows = blocks.iter().take(MOST_BLOCKS).map(row).collect();
-    Item::Table(vec!["Block", "Misfit / noise", "Mean", "p", "RMS", "Misfit / noise after", "p after"], rows)
+    Item::Table(header.clone(), rows)
 }
 
 fn what(d: &Diagnosis) -> Section {
@@ -131,9 +127,9 @@ fn how_sure(d: &Diagnosis) -> Section {
     if !d.effects.is_empty() {
         fit.push_str(&format!(" without and {} with the named effects", plain(q.augmented_chi2)));
     }
-    fit.push_str(&format!(" for {} degrees of freedom, {} σ", plain(q.degrees_of_freedom), plain(q.base_z)));
+    fit.push_str(&format!(" for {} degrees of freedom, {} σ", plain(q.degrees_of_freedom), times(q.base_z)));
     if !d.effects.is_empty() {
-        fit.push_str(&format!(" and {} σ", plain(q.augmented_z)));
+        fit.push_str(&format!(" and {} σ", times(q.augmented_z)));
     }
     fit.push_str(" above what noise alone would give.");
     items.push(Item::Text(fit));
@@ -160,9 +156,9 @@ fn evidence(effects: &[NamedEffect]) -> Item {
             e.name.to_owned(),
             plain(v.lambda),
             plain(v.score),
-            format!("{:.0} %", 100.0 * v.share_of_excess),
+            percent(v.share_of_excess),
             plain(v.held_out_change),
-            format!("{} of the floor", quantity(v.integration_error, "")),
+            format!("{} % of the noise", plain(100.0 * v.integration_error)),
         ]
     };
     let header = vec!["Effect", "λ", "Score", "Part of the excess removed", "Change of held-out χ²", "Error of integration"];
@@ -205,20 +201,21 @@ fn gap(d: &Diagnosis) -> Section {
         );
     }
     let mut items = Vec::new();
-    let mut table = |rows: Vec<GapRow<'_>>, unit: &str| {
+    let mut table = |rows: Vec<GapRow<'_>>, unit: &str, lead: &str| {
         if !rows.is_empty() {
+            items.push(Item::Text(lead.to_owned()));
             items.push(gap_table(d, &rows, unit));
             items.extend(gap_sentence(d, &rows, unit));
         }
     };
-    table(d.gap.iter().map(GapRow::from).collect(), "mV");
-    table(d.gap_spectra.iter().map(GapRow::from).collect(), "% of |Z|");
+    table(d.gap.iter().map(GapRow::from).collect(), "mV", "Records in time:");
+    table(d.gap_spectra.iter().map(GapRow::from).collect(), "%", "Spectra, |ΔZ| as a part of |Z|:");
     let floor = match d.noise.from_repeats {
         true => "The floor is what noise and repeatability, measured on repeats, leave to any model.",
         false => "The data hold no repeats: the noise is assumed, and no floor is claimed.",
     };
     items.push(Item::Text(format!(
-        "Root mean square of prediction less measurement. \"Spectra alone\" is the model file as it came, \"refit\" its parameters fitted again to spectra and training runs. {floor}"
+        "Root mean square of prediction less measurement. \"Spectra alone\" is the model file as it came, \"refit\" its parameters fitted again to spectra and training runs. \"Closed\" is the part of the gap of spectra alone. {floor}"
     )));
     items.push(Item::Pictures(Kind::Gap));
     Section::new("Gap on held-out runs", items)
@@ -257,7 +254,7 @@ fn gap_table(d: &Diagnosis, rows: &[GapRow<'_>], unit: &str) -> Item {
             [value(r.alone), value(r.base), value(r.augmented), value(r.floor), closed(r.alone, r.augmented), closed(r.base, r.augmented)];
         [r.run.to_owned()].into_iter().chain(ends).collect()
     };
-    let header = vec!["Run", "Spectra alone", "Refit", "With effects", floor, "Closed of spectra alone", "Closed of refit"];
+    let header = vec!["Run", "Spectra alone", "Refit", "With effects", floor, "Closed", "of refit"];
     Item::Table(header, rows.iter().map(row).collect())
 }
 
@@ -267,11 +264,11 @@ fn gap_sentence(d: &Diagnosis, rows: &[GapRow<'_>], unit: &str) -> Option<Item> 
     let runs = counted(rows.len(), "run", "runs");
     (!d.effects.is_empty() && rows.len() > 1).then(|| {
         let (before, later, part) = (plain(alone), plain(augmented), closed(alone, augmented));
-        Item::Text(format!("All {runs} together: {before} → {later} {unit}, {part} of the gap of spectra alone closed."))
+        Item::Text(format!("The {runs} together: {before} → {later} {unit}, {part} of the gap of spectra alone closed."))
     })
 }
 
 /// Part of a gap that is closed; a gap that grew has a minus.
 fn closed(before: f64, after: f64) -> String {
-    if before > 0.0 { format!("{} %", plain((100.0 * (1.0 - after / before)).round())) } else { "–".to_owned() }
+    if before > 0.0 { percent(1.0 - after / before) } else { "–".to_owned() }
 }

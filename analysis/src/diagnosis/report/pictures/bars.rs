@@ -1,6 +1,6 @@
 //! Pictures of bars: the map of the misfit, the ranking of the candidates, the gaps.
 
-use super::super::numbers::{plain, probability};
+use super::super::numbers::{percent, plain, probability, times};
 use super::super::{SCORE_THRESHOLD, after, counted};
 use super::{AFTER, ALONE, BEFORE, Kind, NOISE, Picture, effect_names, has_after, is_significant, misfit};
 use crate::diagnosis::outcome::{Block, Candidate, Diagnosis};
@@ -36,10 +36,8 @@ pub(super) fn map(d: &Diagnosis) -> Option<Picture> {
         groups,
         note_heading: "probability by noise alone".into(),
     };
-    let subtitle = format!(
-        "{significant} of {} lie outside the noise: full colour and bold; pale bars do not",
-        counted(d.blocks.len(), "block", "blocks")
-    );
+    let subtitle =
+        format!("{significant} of {} lie outside the noise: those in bold and full colour", counted(d.blocks.len(), "block", "blocks"));
     let chart =
         BarChart { title: "Where model and measurement disagree".into(), subtitle, legend, panels: vec![panel], width_px: WIDTH_PX };
     let caption = "Where model and measurement disagree: residuals divided by frequency, time, current and so on; bars tell how many times larger they are than noise.";
@@ -47,7 +45,7 @@ pub(super) fn map(d: &Diagnosis) -> Option<Picture> {
 }
 
 fn map_row(d: &Diagnosis, block: &Block) -> BarRow {
-    let bar = |b: &Block, colour| Bar { value: misfit(b), colour, faint: !is_significant(b), text: format!("{}×", plain(misfit(b))) };
+    let bar = |b: &Block, colour| Bar { value: misfit(b), colour, faint: !is_significant(b), text: format!("{}×", times(misfit(b))) };
     let later = after(d, block).filter(|_| has_after(d));
     let note = match later {
         Some(a) => format!("{} → {}", probability(block.p_value), probability(a.p_value)),
@@ -75,8 +73,8 @@ pub(super) fn ranking(d: &Diagnosis) -> Option<Picture> {
         groups: vec![BarGroup { heading: String::new(), rows }],
         note_heading: "outcome".into(),
     };
-    let legend = vec![("taken".to_owned(), AFTER), ("refused".to_owned(), ALONE)];
-    let chart = BarChart { title: "Which effect explains it".into(), subtitle, legend, panels: vec![panel], width_px: WIDTH_PX };
+    let chart =
+        BarChart { title: "Which effect explains it".into(), subtitle, legend: Vec::new(), panels: vec![panel], width_px: WIDTH_PX };
     let caption = "Ranking of the candidates: the score of each, what was needed, and why the others were refused.";
     Some(Picture { name: "ranking".into(), kind: Kind::Ranking, caption: caption.into(), drawing: Drawing::Bars(chart) })
 }
@@ -85,7 +83,7 @@ fn ranking_row(candidate: &Candidate) -> BarRow {
     let taken = candidate.refused_because.is_empty();
     let (value, text) = match candidate.score {
         Some(score) => (score, plain(score)),
-        None => (f64::NAN, format!("not fitted, Lagrange score {}", plain(candidate.lagrange))),
+        None => (f64::NAN, "not fitted".to_owned()),
     };
     let bar = Bar { value, colour: if taken { AFTER } else { ALONE }, faint: !taken, text };
     let note = if taken { "taken".to_owned() } else { candidate.refused_because.clone() };
@@ -131,7 +129,6 @@ fn gap_row(d: &Diagnosis, run: &str, [alone, base, augmented, floor]: [f64; 4]) 
         bars.push(bar(augmented, AFTER));
     }
     bars.push(bar(floor, NOISE));
-    let note =
-        if has_after(d) && alone > 0.0 { format!("{} %", plain((100.0 * (1.0 - augmented / alone)).round())) } else { String::new() };
+    let note = if has_after(d) && alone > 0.0 { percent(1.0 - augmented / alone) } else { String::new() };
     BarRow { label: run.to_owned(), marked: false, bars, note }
 }

@@ -6,8 +6,8 @@ use crate::diagnosis::outcome::{Curves, Diagnosis, RunCurves};
 use crate::plot::{AxisSpec, Chart, Drawing, Panel, Trace, TraceStyle};
 use num_complex::Complex64;
 
-/// Most pieces a record is drawn in; of each the lowest and the highest sample.
-const PIECES: usize = 700;
+/// Most pieces a record is drawn in.
+const PIECES: usize = 250;
 
 /// The picture of a run, under its name made fit for a file; none where nothing can be drawn.
 pub(super) fn picture(d: &Diagnosis, run: &RunCurves) -> Option<Picture> {
@@ -64,26 +64,27 @@ fn time_panels(d: &Diagnosis, curves: &Curves) -> Option<Vec<Panel>> {
     let (factor, unit) = time_unit(time_s);
     let time: Vec<f64> = time_s.iter().map(|t| t / factor).collect();
     let residual = |predicted: &[f64]| -> Vec<f64> { measured_v.iter().zip(predicted).map(|(m, p)| 1e3 * (m - p)).collect() };
-    let line = |label: &str, colour, style, values: &[f64]| Trace::new(label, colour, style, envelope(&time, values));
-    let zeros = vec![0.0; time.len()];
+    let line = |label: &str, colour, values: &[f64]| thinned(label, colour, &time, values);
     let band: Vec<f64> = floor_v.iter().map(|s| 2e3 * s).collect();
     let step = band.len().div_ceil(PIECES).max(1);
     let kept = |v: &[f64]| -> Vec<f64> { v.iter().copied().step_by(step).collect() };
-    let places: Vec<(f64, f64)> = kept(&time).into_iter().zip(zeros).collect();
+    let places: Vec<(f64, f64)> = kept(&time).into_iter().map(|t| (t, 0.0)).collect();
     let mut traces = vec![Trace::new(noise_words(d), NOISE, TraceStyle::Band, places).with_spread(kept(&band))];
-    traces.push(line("spectra alone", ALONE, TraceStyle::Dashed, &residual(eis_only_v)));
-    traces.push(line("refit", BEFORE, TraceStyle::Line, &residual(base_v)));
+    traces.extend(line("spectra alone", ALONE, &residual(eis_only_v)));
+    traces.extend(line("refit", BEFORE, &residual(base_v)));
     if has_after(d) {
-        traces.push(line(&format!("with {}", effect_names(d)), AFTER, TraceStyle::Line, &residual(augmented_v)));
+        traces.extend(line(&format!("with {}", effect_names(d)), AFTER, &residual(augmented_v)));
     }
     let x = || AxisSpec::linear(&format!("Time / {unit}"));
-    let current = line("", ALONE, TraceStyle::Line, current_a);
-    (!current.points.is_empty() && traces.iter().any(|t| t.style == TraceStyle::Line && !t.points.is_empty())).then(|| {
-        vec![
-            Panel::new(x(), AxisSpec::linear("Voltage residual / mV"), traces),
-            Panel { aspect: 0.18, ..Panel::new(x(), AxisSpec::linear("Discharge / A"), vec![current]) },
-        ]
-    })
+    let current = line("", ALONE, current_a);
+    (current.iter().all(|t| !t.points.is_empty()) && traces.iter().any(|t| t.style == TraceStyle::Line && !t.points.is_empty())).then(
+        || {
+            vec![
+                Panel::new(x(), AxisSpec::linear("Voltage residual / mV"), traces),
+                Panel { aspect: 0.18, ..Panel::new(x(), AxisSpec::linear("Discharge / A"), current) },
+            ]
+        },
+    )
 }
 
 fn spectrum_panels(d: &Diagnosis, curves: &Curves) -> Option<Vec<Panel>> {
@@ -127,20 +128,20 @@ fn time_unit(time_s: &[f64]) -> (f64, &'static str) {
     }
 }
 
-/// Lowest and highest value of each piece in the order in which they come: no spike is lost. What is not finite is left out.
-fn envelope(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
+/// A trace of the means over pieces, with the area between lowest and highest sample of each behind it, so that no spike is lost. What is not finite is
+/// left out.
+fn thinned(label: &str, colour: usize, x: &[f64], y: &[f64]) -> Vec<Trace> {
     let points: Vec<(f64, f64)> = x.iter().copied().zip(y.iter().copied()).filter(|p| p.0.is_finite() && p.1.is_finite()).collect();
-    if points.len() <= 2 * PIECES {
-        return points;
+    if points.len() <= PIECES {
+        return vec![Trace::new(label, colour, TraceStyle::Line, points)];
     }
-    let ends = |piece: &[(f64, f64)]| {
-        let low = piece.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1));
-        let high = piece.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1));
-        let mut both: Vec<(f64, f64)> = low.into_iter().chain(high).collect();
-        both.sort_by(|a, b| a.0.total_cmp(&b.0));
-        both
-    };
-    points.chunks(points.len().div_ceil(PIECES)).flat_map(ends).collect()
+    let pieces = || points.chunks(points.len().div_ceil(PIECES));
+    let mean = |piece: &[(f64, f64)], of: fn(&(f64, f64)) -> f64| piece.iter().map(of).sum::<f64>() / piece.len() as f64;
+    let ends = |piece: &[(f64, f64)]| piece.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), p| (lo.min(p.1), hi.max(p.1)));
+    let middles = pieces().map(|c| (mean(c, |p| p.0), (ends(c).0 + ends(c).1) / 2.0)).collect();
+    let halves = pieces().map(|c| (ends(c).1 - ends(c).0) / 2.0).collect();
+    let means = pieces().map(|c| (mean(c, |p| p.0), mean(c, |p| p.1))).collect();
+    vec![Trace::new("", colour, TraceStyle::Band, middles).with_spread(halves), Trace::new(label, colour, TraceStyle::Line, means)]
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> f64 {
@@ -157,8 +158,10 @@ mod tests {
         let x: Vec<f64> = (0..100_000).map(f64::from).collect();
         let mut y = vec![0.0; x.len()];
         (y[51_234], y[7]) = (-5.0, f64::NAN);
-        let kept = envelope(&x, &y);
-        assert!(kept.len() <= 2 * PIECES && kept.contains(&(51_234.0, -5.0)));
-        assert!(kept.windows(2).all(|w| w[0].0 <= w[1].0));
+        let traces = thinned("line", 0, &x, &y);
+        let least = traces[0].points.iter().zip(&traces[0].spread).map(|(p, s)| p.1 - s).fold(0.0, f64::min);
+        assert_eq!((traces.len(), least), (2, -5.0));
+        assert!(traces.iter().all(|t| t.points.len() <= PIECES && t.points.windows(2).all(|w| w[0].0 < w[1].0)));
+        assert_eq!(traces[1].label.as_deref(), Some("line"));
     }
 }
