@@ -16,7 +16,7 @@ pub(super) fn falsifiers(d: &Diagnosis) -> Section {
     let mut points: Vec<String> =
         d.effects.iter().filter(|e| !e.falsified_by.is_empty()).map(|e| format!("{}: {}", e.title, e.falsified_by)).collect();
     if d.verdict == Verdict::AtNoiseFloor {
-        points.push("A further run of these currents, frequencies and temperatures whose gap exceeds its floor.".into());
+        points.push("A further run of these currents, frequencies and temperatures whose gap is larger than its noise.".into());
     }
     let items = if points.is_empty() { Vec::new() } else { vec![Item::List(points)] };
     Section::new("What would falsify it", items)

@@ -13,7 +13,7 @@ const MOST_BLOCKS: usize = 8;
 const MOST_CANDIDATES: usize = 6;
 
 pub(super) fn page(d: &Diagnosis) -> Page {
-    let title = format!("{}: {} against model {}", verdict_words(d.verdict), d.data_set, d.model);
+    let title = format!("{}: {} against model {}", verdict_words(d), d.data_set, d.model);
     let mut sections = vec![Section::new("Verdict", vec![Item::Text(d.summary.clone())])];
     if d.verdict != Verdict::Invalid {
         sections.extend([location(d), what(d), how_sure(d), what_else(d), gap(d), reserve::falsifiers(d)]);
@@ -26,8 +26,9 @@ pub(super) fn page(d: &Diagnosis) -> Page {
     Page { title, sections }
 }
 
-fn verdict_words(verdict: Verdict) -> &'static str {
-    match verdict {
+fn verdict_words(d: &Diagnosis) -> &'static str {
+    match d.verdict {
+        Verdict::AtNoiseFloor if !d.noise.from_repeats => "Nothing found beyond the assumed noise",
         Verdict::AtNoiseFloor => "At the noise floor",
         Verdict::Explained => "Explained",
         Verdict::Ambiguous => "Ambiguous",
@@ -96,7 +97,8 @@ fn what(d: &Diagnosis) -> Section {
             Group::Bench => "An artefact of the bench: explains the measurement, has no place in predictions.",
         };
         let mechanism = effects::find(e.name).map_or("", |effect| effect.card().mechanism);
-        format!("{} ({}). {mechanism} {place}", e.title, e.name)
+        let name = format!("{} ({}).", e.title, e.name);
+        [name.as_str(), mechanism, place].into_iter().filter(|s| !s.is_empty()).collect::<Vec<_>>().join(" ")
     };
     let lead = match d.verdict {
         Verdict::Explained => "Missing in the base model and added:",
@@ -116,6 +118,7 @@ fn what(d: &Diagnosis) -> Section {
 fn how_sure(d: &Diagnosis) -> Section {
     let mut items = Vec::new();
     if !d.effects.is_empty() {
+        items.push(Item::Text("Parameters with standard uncertainty, and why they were added:".into()));
         items.push(parameters(&d.effects));
         items.push(evidence(&d.effects));
         items.push(Item::Text(format!(
@@ -186,7 +189,9 @@ fn what_else(d: &Diagnosis) -> Section {
             vec![c.name.to_owned(), plain(c.lagrange), number(c.lambda), number(c.score), outcome.to_owned()]
         };
         let rows: Vec<_> = d.ranking.iter().take(MOST_CANDIDATES).map(row).collect();
-        items.push(Item::Text(format!("Candidates of the first round, best {} of {}:", rows.len(), d.ranking.len())));
+        let of =
+            if rows.len() < d.ranking.len() { format!("the best {} of {}", rows.len(), d.ranking.len()) } else { "best first".to_owned() };
+        items.push(Item::Text(format!("Candidates of the first round, {of}:")));
         items.push(Item::Table(vec!["Candidate", "Lagrange score", "λ", "Score", "Outcome"], rows));
     }
     items.push(Item::Pictures(Kind::Ranking));

@@ -23,21 +23,25 @@ pub(super) fn map(d: &Diagnosis) -> Option<Picture> {
             None => groups.push(BarGroup { heading: block.dimension.to_owned(), rows: vec![row] }),
         }
     }
-    let significant = d.blocks.iter().filter(|b| is_significant(b)).count();
+    let sizes = || d.blocks.iter().chain(&d.where_after).map(misfit).filter(|m| *m > 0.0 && m.is_finite());
+    let (lowest, highest) = (sizes().fold(0.9, f64::min), sizes().fold(2.2, f64::max));
     let legend = if has_after(d) {
         vec![("base model".to_owned(), BEFORE), (format!("with {}", effect_names(d)), AFTER)]
     } else {
         vec![("base model".to_owned(), BEFORE)]
     };
     let panel = BarPanel {
-        axis: AxisSpec::logarithmic("Misfit as a multiple of the noise"),
+        axis: AxisSpec::logarithmic("Misfit as a multiple of the noise").between(lowest, highest),
         baseline: 1.0,
         reference: Some(Reference { value: 1.0, label: "noise alone".into() }),
         groups,
         note_heading: "probability by noise alone".into(),
     };
-    let subtitle =
-        format!("{significant} of {} lie outside the noise: those in bold and full colour", counted(d.blocks.len(), "block", "blocks"));
+    let blocks = counted(d.blocks.len(), "block", "blocks");
+    let subtitle = match d.blocks.iter().filter(|b| is_significant(b)).count() {
+        0 => format!("None of {blocks} lies outside the noise"),
+        significant => format!("{significant} of {blocks} lie outside the noise: those in bold and full colour"),
+    };
     let chart =
         BarChart { title: "Where model and measurement disagree".into(), subtitle, legend, panels: vec![panel], width_px: WIDTH_PX };
     let caption = "Where model and measurement disagree: residuals divided by frequency, time, current and so on; bars tell how many times larger they are than noise.";
@@ -61,13 +65,15 @@ pub(super) fn ranking(d: &Diagnosis) -> Option<Picture> {
         return None;
     }
     let rows = d.ranking.iter().take(MOST_CANDIDATES).map(ranking_row).collect();
+    // Words right of the threshold need room even if nothing reaches it.
+    let highest = d.ranking.iter().filter_map(|c| c.score).filter(|s| s.is_finite()).fold(5.0 * SCORE_THRESHOLD, f64::max);
     let more = d.ranking.len().saturating_sub(MOST_CANDIDATES);
     let subtitle = match more {
         0 => "First round: what each effect of the catalogue alone gains on the training runs".to_owned(),
         _ => format!("First round: what each effect alone gains on the training runs; {more} more ranked below"),
     };
     let panel = BarPanel {
-        axis: AxisSpec::logarithmic("Score λ − k·ln N"),
+        axis: AxisSpec::logarithmic("Score λ − k·ln N").between(1.0, highest),
         baseline: 1.0,
         reference: Some(Reference { value: SCORE_THRESHOLD, label: format!("needed: {SCORE_THRESHOLD}") }),
         groups: vec![BarGroup { heading: String::new(), rows }],

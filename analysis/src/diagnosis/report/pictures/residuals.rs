@@ -75,8 +75,9 @@ fn time_panels(d: &Diagnosis, curves: &Curves) -> Option<Vec<Panel>> {
     if has_after(d) {
         traces.extend(line(&format!("with {}", effect_names(d)), AFTER, &residual(augmented_v)));
     }
-    let x = || AxisSpec::linear(&format!("Time / {unit}"));
-    let current = line("", ALONE, current_a);
+    let (first, last) = (time.first().copied()?, time.last().copied()?);
+    let x = || AxisSpec::linear(&format!("Time / {unit}")).between(first, if last > first { last } else { first + 1.0 });
+    let current = steps(ALONE, &time, current_a);
     (current.iter().all(|t| !t.points.is_empty()) && traces.iter().any(|t| t.style == TraceStyle::Line && !t.points.is_empty())).then(
         || {
             vec![
@@ -142,6 +143,16 @@ fn thinned(label: &str, colour: usize, x: &[f64], y: &[f64]) -> Vec<Trace> {
     let halves = pieces().map(|c| (ends(c).1 - ends(c).0) / 2.0).collect();
     let means = pieces().map(|c| (mean(c, |p| p.0), mean(c, |p| p.1))).collect();
     vec![Trace::new("", colour, TraceStyle::Band, middles).with_spread(halves), Trace::new(label, colour, TraceStyle::Line, means)]
+}
+
+/// A current by the samples at which it changes, as corners; as [`thinned`] where it changes all the time.
+fn steps(colour: usize, time: &[f64], current_a: &[f64]) -> Vec<Trace> {
+    let (low, high) = current_a.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), i| (lo.min(*i), hi.max(*i)));
+    let count = time.len().min(current_a.len());
+    let changes = |k: usize| k > 0 && k < count && (current_a[k] - current_a[k - 1]).abs() > 0.01 * (high - low);
+    let corners = (0..count).filter(|k| *k == 0 || k + 1 == count || changes(*k) || changes(k + 1));
+    let (x, y): (Vec<f64>, Vec<f64>) = corners.map(|k| (time[k], current_a[k])).unzip();
+    if x.len() <= PIECES { thinned("", colour, &x, &y) } else { thinned("", colour, time, current_a) }
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> f64 {
