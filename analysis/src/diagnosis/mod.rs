@@ -10,6 +10,7 @@ mod outcome;
 mod prepare;
 mod problem;
 mod propose;
+pub mod report;
 mod select;
 mod structure;
 mod whitening;
