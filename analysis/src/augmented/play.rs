@@ -91,7 +91,13 @@ impl Player {
     /// Writes the logged voltage (V) that is predicted for every sample of the record into `voltage_v`.
     ///
     /// Each step is divided into `parts` equal ones (1 for the product, more to measure the error of integration).
-    pub fn play(&mut self, base: &Base, added: &[Added<'_>], record: &Record<'_>, (grid, parts): (&Grid, usize), voltage_v: &mut Vec<f64>) {
+    pub fn play(
+        &mut self,
+        (base, added): (&Base, &[Added<'_>]),
+        record: &Record<'_>,
+        (grid, parts): (&Grid, usize),
+        voltage_v: &mut Vec<f64>,
+    ) {
         let mut current_a = std::mem::take(&mut self.current_a);
         current_a.clear();
         current_a.extend_from_slice(record.current_a);
@@ -103,10 +109,10 @@ impl Player {
         let linear = dynamics.is_empty() && network.branches.iter().all(|b| b.law == Law::Linear);
         // A linear network needs no parts: its steps are exact.
         self.load(&network, (grid, if linear { 1 } else { parts }), clock);
+        let run = Run { base, network: &network, record, current_a: &current_a, grid, parts, clock };
         if linear {
-            self.linear(base, &network, (record, &current_a), (grid, clock), voltage_v);
+            self.linear(&run, voltage_v);
         } else {
-            let run = Run { base, network: &network, record, current_a: &current_a, grid, parts, clock };
             self.general(&run, &mut dynamics, voltage_v);
         }
         added.iter().for_each(|a| a.effect.voltage(a.p, record, voltage_v));
@@ -124,24 +130,17 @@ impl Player {
         }
     }
 
-    fn linear(
-        &mut self,
-        base: &Base,
-        network: &Network,
-        (record, current_a): (&Record<'_>, &[f64]),
-        (grid, clock): (&Grid, f64),
-        voltage_v: &mut Vec<f64>,
-    ) {
-        let n = network.branches.len();
-        let capacity_c = 3600.0 * base.ocv.capacity_ah;
-        let mut ocv = Cursor::new(&base.ocv);
-        let mut soc = record.soc;
-        for k in 0..current_a.len() {
+    fn linear(&mut self, run: &Run<'_>, voltage_v: &mut Vec<f64>) {
+        let n = run.network.branches.len();
+        let capacity_c = 3600.0 * run.base.ocv.capacity_ah;
+        let mut ocv = Cursor::new(&run.base.ocv);
+        let mut soc = run.record.soc;
+        for k in 0..run.current_a.len() {
             let sum: f64 = self.states_v.iter().sum();
-            voltage_v.push(ocv.at(soc).0 - network.r_ohm * current_a[k] - sum);
-            let Some(d) = grid.index.get(k) else { break };
-            let (i0, i1) = ends(current_a, k, grid.between);
-            let step_s = grid.lengths_s[*d as usize] * clock;
+            voltage_v.push(ocv.at(soc).0 - run.network.r_ohm * run.current_a[k] - sum);
+            let Some(d) = run.grid.index.get(k) else { break };
+            let (i0, i1) = ends(run.current_a, k, run.grid.between);
+            let step_s = run.grid.lengths_s[*d as usize] * run.clock;
             let gains = &self.gains[*d as usize * n..(*d as usize + 1) * n];
             for (v, g) in self.states_v.iter_mut().zip(gains) {
                 *v = g.decay * *v + g.start * i0 + g.end * i1;

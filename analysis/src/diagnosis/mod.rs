@@ -1,10 +1,25 @@
 //! The discrepancy workflow: where do simulation and measurement disagree, what is missing, does adding it close the gap.
 
+mod block;
 mod data;
+mod diagnose;
+mod guards;
+mod localise;
+mod noise;
 mod outcome;
+mod prepare;
+mod problem;
+mod propose;
+mod select;
+mod structure;
+mod whitening;
 
+pub use block::DataSetError;
 pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
+pub use diagnose::{DiagnosisOptions, Outcome, diagnose, significant};
+pub use guards::Guards;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence, FittedParameter, Gap, NamedEffect,
     NextExperiment, NoiseReport, NoiseTerm, Quality, Rival, RunCurves, SpectrumGap, Verdict,
 };
+pub use prepare::BaseModel;

@@ -6,12 +6,27 @@
 //! says. [`crate::augmented`] plays any set of them together. What is not here: the search for the effect ([`crate::diagnosis`]).
 
 mod catalogue;
-mod current_offset;
 mod quantity;
+mod situation;
+
+// The cell.
 mod rc_slow;
 mod self_heating;
-mod situation;
+
+// The bench.
+mod channel_bandwidth;
+mod clock_error;
+mod contact_resistance;
+mod current_gain;
+mod current_offset;
+mod current_smoothing;
+mod inductance;
+mod inductance_lossy;
+mod insufficient_rest;
+mod shunt_heating;
+mod thermal_emf;
 mod time_skew;
+mod voltage_gain;
 
 pub use catalogue::{catalogue, find};
 pub use quantity::{Parameter, Range, Scale};
@@ -102,4 +117,9 @@ pub trait Dynamics {
 
     /// Moves the state over `step_s` seconds in which the current of `at` flows; `at` is the instant at the start.
     fn advance(&mut self, _at: &Instant, _step_s: f64) {}
+}
+
+#[cfg(test)]
+mod tests {
+    mod bench;
 }

@@ -11,7 +11,7 @@ mod linearity;
 mod noise;
 mod smooth;
 mod stationarity;
-mod tail;
+pub(crate) mod tail;
 mod verdict;
 mod z_hit;
 

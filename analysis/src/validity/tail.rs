@@ -6,7 +6,7 @@ const TINY: f64 = 1e-300;
 const STEPS: u32 = 500;
 
 /// Probability that χ² of `dof` degrees of freedom exceeds `x`. One for nothing to test.
-pub(super) fn chi2_tail(x: f64, dof: f64) -> f64 {
+pub(crate) fn chi2_tail(x: f64, dof: f64) -> f64 {
     if x > 0.0 && dof > 0.0 { gamma_tail(0.5 * dof, 0.5 * x) } else { 1.0 }
 }
 
@@ -21,7 +21,7 @@ pub(super) fn pair_tail(d2: f64, dof: Option<f64>) -> f64 {
 }
 
 /// Probability of a deviation of at least `t` standard deviations on either side; Student's where the deviation is estimated.
-pub(super) fn deviate_tail(t: f64, dof: Option<f64>) -> f64 {
+pub(crate) fn deviate_tail(t: f64, dof: Option<f64>) -> f64 {
     dof.map_or_else(|| chi2_tail(t * t, 1.0), |dof| f_tail(t * t, (1.0, dof)))
 }
 
@@ -31,7 +31,7 @@ pub(super) fn sum_tail(x: f64, dof: f64, noise_dof: Option<f64>) -> f64 {
 }
 
 /// Probabilities of many tests after Holm (1979): each may be compared with the rate that all together are to have.
-pub(super) fn holm(p: &[f64]) -> Vec<f64> {
+pub(crate) fn holm(p: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p.len()).collect();
     order.sort_by(|a, b| p[*a].total_cmp(&p[*b]));
     let mut adjusted = vec![1.0; p.len()];

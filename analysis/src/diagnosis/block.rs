@@ -1,0 +1,274 @@
+//! One run made ready: rows that model and measurement are compared in, and how to predict them.
+//!
+//! A spectrum has two rows per point. A record has one row per bin: the samples after an edge of the current are averaged over times that grow with the
+//! time since the edge, so that a row is wide where nothing happens. The model is played on all samples and averaged in the same way.
+
+use super::data::{Fixture, Role, Run, RunData, Start};
+use crate::augmented::{Added, Grid, Network, Player, impedance};
+use crate::effects::{Base, Point, Record};
+use num_complex::Complex64;
+
+/// Bins of a record at most; more are merged.
+pub(super) const MOST_BINS: usize = 140;
+/// Part of the largest current that a change must have to be an edge.
+const EDGE_PART: f64 = 0.03;
+
+/// One run as the fit sees it.
+#[derive(Debug, Clone)]
+pub(super) struct Block {
+    pub(super) name: String,
+    pub(super) group: String,
+    pub(super) role: Role,
+    /// Circumstances, with the frequency of no point.
+    pub(super) at: Point,
+    pub(super) kind: Kind,
+    /// Measured rows: Ω or V.
+    pub(super) measured: Vec<f64>,
+}
+
+/// What is predicted, and how.
+#[derive(Debug, Clone)]
+pub(super) enum Kind {
+    /// A spectrum: frequencies and amplitudes, stated sigmas, and the control in the jig.
+    Eis { points: Vec<Point>, sigma_ohm: Vec<Option<(f64, f64)>>, control_ohm: Option<f64> },
+    /// A record.
+    Time(Box<TimeBlock>),
+}
+
+/// A record with its grid and bins.
+#[derive(Debug, Clone)]
+pub(super) struct TimeBlock {
+    pub(super) time_s: Vec<f64>,
+    pub(super) current_a: Vec<f64>,
+    pub(super) voltage_v: Vec<f64>,
+    pub(super) linear: bool,
+    pub(super) grid: Grid,
+    pub(super) bins: Vec<Bin>,
+    /// First samples of stretches between edges.
+    pub(super) edges: Vec<usize>,
+}
+
+/// Consecutive samples that make one row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Bin {
+    pub(super) from: usize,
+    pub(super) to: usize,
+    /// Mean time, s.
+    pub(super) time_s: f64,
+    /// Time since the last edge, s.
+    pub(super) since_edge_s: f64,
+    /// Mean current, A.
+    pub(super) current_a: f64,
+    /// Charge drawn since the start of the record, C.
+    pub(super) charge_c: f64,
+    /// Current that flowed last, A: the sign of a rest is that of the pulse before it.
+    pub(super) last_current_a: f64,
+}
+
+/// Why a run cannot be prepared.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum DataSetError {
+    /// A run without data.
+    #[error("run {run:?}: expected {expected}, met {met}")]
+    Run {
+        /// Name of the run.
+        run: String,
+        /// What was expected.
+        expected: &'static str,
+        /// What was met.
+        met: String,
+    },
+    /// A data set that cannot be diagnosed.
+    #[error("data set {name:?}: expected {expected}")]
+    Set {
+        /// Name of the data set.
+        name: String,
+        /// What was expected.
+        expected: &'static str,
+    },
+}
+
+impl Block {
+    /// Makes a run ready. The base's OCV turns a start voltage into a state of charge.
+    pub(super) fn new(run: &Run, base: &Base) -> Result<Self, DataSetError> {
+        let fail = |expected, met: String| DataSetError::Run { run: run.name.clone(), expected, met };
+        let soc = match run.start {
+            Start::Soc(soc) if (0.0..=1.0).contains(&soc) => soc,
+            Start::Soc(soc) => return Err(fail("a state of charge from 0 to 1", soc.to_string())),
+            Start::Ocv(v) => {
+                base.ocv.soc_at(v).ok_or_else(|| fail("a start voltage that the model's OCV curve reaches", format!("{v} V")))?
+            }
+        };
+        let is_cell = matches!(run.fixture, Fixture::Cell(_));
+        let at = Point {
+            freq_hz: f64::NAN,
+            amplitude_a: None,
+            bias_a: 0.0,
+            soc,
+            temperature_c: run.temperature_c,
+            order: f64::from(run.order),
+            start_s: run.start_s,
+            is_cell,
+        };
+        let (kind, measured) = match &run.data {
+            RunData::Eis(sweep) => {
+                if sweep.points.is_empty() {
+                    return Err(fail("at least one frequency", "none".to_owned()));
+                }
+                let point =
+                    |p: &super::data::SweepPoint| Point { freq_hz: p.freq_hz, amplitude_a: p.amplitude_a, bias_a: sweep.bias_a, ..at };
+                let control_ohm = match run.fixture {
+                    Fixture::Cell(_) => None,
+                    Fixture::Shunt(ohm) | Fixture::FakeCell(ohm) => Some(ohm),
+                };
+                let kind = Kind::Eis {
+                    points: sweep.points.iter().map(point).collect(),
+                    sigma_ohm: sweep.points.iter().map(|p| p.sigma_ohm).collect(),
+                    control_ohm,
+                };
+                (kind, sweep.points.iter().flat_map(|p| [p.z_ohm.re, p.z_ohm.im]).collect())
+            }
+            RunData::Time(record) => {
+                record.series.validate().map_err(|e| fail("a time series", e.to_string()))?;
+                if !is_cell {
+                    return Err(fail("a record in time of a cell", "one of a control".to_owned()));
+                }
+                let time = TimeBlock::new(record);
+                let measured = time.average(&time.voltage_v);
+                (Kind::Time(Box::new(time)), measured)
+            }
+        };
+        Ok(Self { name: run.name.clone(), group: run.repeat_group.clone(), role: run.role, at, kind, measured })
+    }
+
+    /// Number of rows.
+    pub(super) fn rows(&self) -> usize {
+        self.measured.len()
+    }
+
+    /// The record of a block in time.
+    pub(super) fn record<'a>(&self, time: &'a TimeBlock, current_a: &'a [f64]) -> Record<'a> {
+        Record {
+            time_s: &time.time_s,
+            current_a,
+            soc: self.at.soc,
+            temperature_c: self.at.temperature_c,
+            order: self.at.order,
+            start_s: self.at.start_s,
+            is_cell: self.at.is_cell,
+        }
+    }
+
+    /// Predicted rows, appended to `rows`.
+    pub(super) fn predict(
+        &self,
+        (base, added, network): (&Base, &[Added<'_>], &Network),
+        parts: usize,
+        desk: &mut Desk,
+        rows: &mut Vec<f64>,
+    ) {
+        match &self.kind {
+            Kind::Eis { points, control_ohm, .. } => {
+                for point in points {
+                    let z = impedance(network, base, added, point, control_ohm.map(|r| Complex64::new(r, 0.0)));
+                    rows.extend([z.re, z.im]);
+                }
+            }
+            Kind::Time(time) => {
+                desk.player.play((base, added), &self.record(time, &time.current_a), (&time.grid, parts), &mut desk.voltage_v);
+                time.average_into(&desk.voltage_v, rows);
+            }
+        }
+    }
+}
+
+/// Buffers of a prediction.
+#[derive(Debug, Default)]
+pub(super) struct Desk {
+    pub(super) player: Player,
+    pub(super) voltage_v: Vec<f64>,
+}
+
+impl TimeBlock {
+    fn new(record: &super::data::TimeRecord) -> Self {
+        let s = &record.series;
+        let start_s = s.time_s[0];
+        let time_s: Vec<f64> = s.time_s.iter().map(|t| t - start_s).collect();
+        let linear = record.between == crate::augmented::Between::Linear;
+        let edges = edges(&s.current_a);
+        let bins = bins(&time_s, &s.current_a, &edges);
+        let grid = Grid::new(&time_s, record.between);
+        Self { time_s, current_a: s.current_a.clone(), voltage_v: s.voltage_v.clone(), linear, grid, bins, edges }
+    }
+
+    /// Means over the bins.
+    pub(super) fn average(&self, values: &[f64]) -> Vec<f64> {
+        let mut rows = Vec::with_capacity(self.bins.len());
+        self.average_into(values, &mut rows);
+        rows
+    }
+
+    fn average_into(&self, values: &[f64], rows: &mut Vec<f64>) {
+        rows.extend(self.bins.iter().map(|b| values[b.from..b.to].iter().sum::<f64>() / (b.to - b.from) as f64));
+    }
+}
+
+/// First samples after a change of the current that is no noise; the first sample of all among them.
+fn edges(current_a: &[f64]) -> Vec<usize> {
+    let greatest = current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));
+    let changes = (1..current_a.len()).filter(|k| (current_a[*k] - current_a[k - 1]).abs() > EDGE_PART * greatest);
+    std::iter::once(0).chain(changes).collect()
+}
+
+fn bins(time_s: &[f64], current_a: &[f64], edges: &[usize]) -> Vec<Bin> {
+    let mut ratio = 0.3;
+    let mut cuts = cuts(time_s, edges, ratio);
+    while cuts.len() > MOST_BINS + 1 && ratio < 4.0 {
+        ratio *= 1.5;
+        cuts = self::cuts(time_s, edges, ratio);
+    }
+    // More edges than bins: neighbours are merged.
+    while cuts.len() > MOST_BINS + 1 {
+        let last = cuts[cuts.len() - 1];
+        cuts = cuts.iter().copied().step_by(2).filter(|k| *k != last).chain([last]).collect();
+    }
+    let mut charge_c = vec![0.0; time_s.len()];
+    for k in 1..time_s.len() {
+        charge_c[k] = charge_c[k - 1] + 0.5 * (current_a[k] + current_a[k - 1]) * (time_s[k] - time_s[k - 1]);
+    }
+    let greatest = current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));
+    let mut last_current_a = 0.0;
+    cuts.windows(2)
+        .map(|w| {
+            let (from, to) = (w[0], w[1]);
+            let mean = |v: &[f64]| v[from..to].iter().sum::<f64>() / (to - from) as f64;
+            let edge = edges[edges.partition_point(|e| *e <= from).saturating_sub(1)];
+            let current = mean(current_a);
+            if current.abs() > EDGE_PART * greatest {
+                last_current_a = current;
+            }
+            let time = mean(time_s);
+            Bin { from, to, time_s: time, since_edge_s: time - time_s[edge], current_a: current, charge_c: mean(&charge_c), last_current_a }
+        })
+        .collect()
+}
+
+/// Where bins begin, and the end.
+fn cuts(time_s: &[f64], edges: &[usize], ratio: f64) -> Vec<usize> {
+    let mut cuts = Vec::new();
+    for (n, edge) in edges.iter().enumerate() {
+        let end = edges.get(n + 1).copied().unwrap_or(time_s.len());
+        let mut k = *edge;
+        while k < end {
+            cuts.push(k);
+            let width_s = ratio * (time_s[k] - time_s[*edge]);
+            let begin_s = time_s[k];
+            k += 1;
+            while k < end && time_s[k] - begin_s < width_s {
+                k += 1;
+            }
+        }
+    }
+    cuts.push(time_s.len());
+    cuts
+}

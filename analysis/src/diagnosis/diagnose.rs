@@ -1,0 +1,344 @@
+//! The workflow from a data set to a verdict.
+
+use super::block::{DataSetError, Desk, Kind};
+use super::data::{DataSet, Role};
+use super::guards::{GOOD_FIT_Z, Guards, SENTINEL_Z};
+use super::localise::localise;
+use super::noise::TERMS;
+use super::outcome::{
+    Block, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, FittedParameter, Gap, NamedEffect, NoiseReport, NoiseTerm,
+    Quality, Rival, RunCurves, SpectrumGap, Verdict,
+};
+use super::prepare::{BaseModel, Prepared, prepare};
+use super::problem::{Fit, Problem};
+use super::select::{Search, Selection, excess_z};
+use super::structure::Structure;
+use crate::effects::{Effect, Scale, catalogue};
+use crate::model::Erm;
+use num_complex::Complex64;
+
+/// How far the time constants of other starts of the base lie from the model's, as a factor.
+const OTHER_STARTS: [f64; 2] = [0.6, 1.7];
+/// 97.5 % quantile of the normal distribution.
+const TWO_SIDED_95: f64 = 1.959_964;
+
+/// What a diagnosis may do.
+#[derive(Clone)]
+pub struct DiagnosisOptions {
+    /// Candidates; all effects of the catalogue unless told otherwise.
+    pub candidates: Vec<&'static dyn Effect>,
+    /// Guards; all on unless told otherwise.
+    pub guards: Guards,
+}
+
+impl Default for DiagnosisOptions {
+    fn default() -> Self {
+        Self { candidates: catalogue().to_vec(), guards: Guards::default() }
+    }
+}
+
+/// A diagnosis and the curves behind its pictures.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// What is written.
+    pub diagnosis: Diagnosis,
+    /// One entry per run.
+    pub curves: Vec<RunCurves>,
+}
+
+/// Diagnoses a data set against a model.
+///
+/// # Errors
+/// [`DataSetError`] for a set or run that cannot be used at all.
+pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) -> Result<Outcome, DataSetError> {
+    let prepared = prepare(set, model, options.guards)?;
+    let problem = &prepared.problem;
+    let mut desk = Desk::default();
+    let base = base_fit(problem, &model.erm, &mut desk);
+    let before = localise(problem, &base, options.guards.tangent_projection, &mut desk);
+    let moved = if options.guards.sentinel { moved_floor(&prepared) } else { None };
+    let mut search = Search { problem, candidates: &options.candidates, guards: options.guards, desk: Desk::default() };
+    let selection = match moved {
+        Some(_) => Selection::nothing(&base),
+        None => search.run(&base),
+    };
+    let after = localise(problem, &selection.fit, options.guards.tangent_projection, &mut desk);
+    let quality = quality(&search, &base, &selection.fit);
+    let mut d = Diagnosis {
+        schema: DIAGNOSIS_SCHEMA,
+        schema_version: DIAGNOSIS_SCHEMA_VERSION,
+        data_set: set.name.clone(),
+        model: model.name.clone(),
+        verdict: Verdict::Unexplained,
+        summary: String::new(),
+        effects: named(problem, &selection),
+        rivals: rivals(&selection),
+        blocks: before,
+        where_after: after,
+        gap: gaps(&prepared, &model.erm, (&base, &selection.fit), &mut desk),
+        gap_spectra: spectrum_gaps(problem, &model.erm, (&base, &selection.fit), &mut desk),
+        next_experiment: None,
+        notes: Vec::new(),
+        quality,
+        noise: noise_report(&prepared),
+        ranking: selection.ranking.clone(),
+        base: Some(base.decode(problem.branches()).0),
+        augmented: Some(selection.fit.decode(problem.branches()).0),
+    };
+    judge(&mut d, &selection, moved);
+    let curves = curves(&prepared, &model.erm, (&base, &selection.fit), &mut desk);
+    Ok(Outcome { diagnosis: d, curves })
+}
+
+/// The base refitted to spectra and training records: from the model, and from other time constants where that does not reach the floor.
+pub(super) fn base_fit(problem: &Problem, erm: &Erm, desk: &mut Desk) -> Fit {
+    let structure = Structure::default();
+    let mut best = problem.fit(&structure, erm, desk);
+    let dof = problem.training_rows() as f64 - best.x.len() as f64;
+    if excess_z(best.chi2, dof) > 3.0 {
+        for factor in OTHER_STARTS {
+            let mut start = erm.clone();
+            start.branches.iter_mut().for_each(|b| b.c_f *= factor);
+            let other = problem.fit(&structure, &start, desk);
+            if other.chi2 < best.chi2 {
+                best = other;
+            }
+        }
+    }
+    best
+}
+
+/// The reason why the repeats cannot be believed; none where they can.
+fn moved_floor(prepared: &Prepared) -> Option<String> {
+    let e = &prepared.estimate;
+    if let Some(z) = e.repeat_z.filter(|z| *z > SENTINEL_Z) {
+        return Some(format!("repeats differ from each other by more than any noise that the bench has: {z:.1} standard deviations"));
+    }
+    if !prepared.prior.known {
+        return None;
+    }
+    let (k, z) = e.z.iter().enumerate().filter_map(|(k, z)| z.map(|z| (k, z))).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+    (z.abs() > SENTINEL_Z).then(|| format!("{} has left the bench's history by {z:.1} standard deviations", TERMS[k].1))
+}
+
+fn quality(search: &Search<'_>, base: &Fit, after: &Fit) -> Quality {
+    let dof = search.degrees_of_freedom(base);
+    Quality {
+        base_chi2: base.chi2,
+        degrees_of_freedom: dof,
+        base_z: excess_z(base.chi2, dof),
+        augmented_chi2: after.chi2,
+        augmented_z: excess_z(after.chi2, search.degrees_of_freedom(after)),
+    }
+}
+
+fn named(problem: &Problem, selection: &Selection) -> Vec<NamedEffect> {
+    let fit = &selection.fit;
+    let (_, values) = fit.decode(problem.branches());
+    let covariance = fit.covariance();
+    let n = fit.x.len();
+    let mut all = Vec::new();
+    for (k, (member, taken)) in fit.structure.members.iter().zip(&selection.taken).enumerate() {
+        let mut at = fit.structure.first(k, problem.branches());
+        let mut parameters = Vec::new();
+        for (p, value) in member.parameters.iter().zip(&values[k]) {
+            let coordinate = at;
+            let deviation =
+                (p.scale != Scale::Choice).then(|| covariance.as_ref().map(|c| c[coordinate * n + coordinate].sqrt())).flatten();
+            let (sigma, interval) = match (p.scale, deviation) {
+                (Scale::Linear, Some(s)) => {
+                    let sigma = s * p.typical;
+                    (Some(sigma), (value - TWO_SIDED_95 * sigma, value + TWO_SIDED_95 * sigma))
+                }
+                (Scale::Log, Some(s)) => (Some(s * value), (value * (-TWO_SIDED_95 * s).exp(), value * (TWO_SIDED_95 * s).exp())),
+                _ => (None, (p.range.lower, p.range.upper)),
+            };
+            let interval = (interval.0.max(p.range.lower), interval.1.min(p.range.upper));
+            parameters.push(FittedParameter { name: p.name, value: *value, sigma, interval, unit: p.unit });
+            if p.scale != Scale::Choice {
+                at += 1;
+            }
+        }
+        let card = member.effect.card();
+        all.push(NamedEffect {
+            name: card.name,
+            title: card.title,
+            group: card.group,
+            parameters,
+            evidence: taken.evidence,
+            falsified_by: format!("{} — without the signature \"{}\" the name is wrong", card.experiment, card.signature),
+        });
+    }
+    all
+}
+
+fn rivals(selection: &Selection) -> Vec<Rival> {
+    let of = |t: &super::select::Taken| {
+        let instead_of = t.name;
+        t.rivals.clone().into_iter().map(move |(name, score_gap, discriminability)| Rival { name, instead_of, score_gap, discriminability })
+    };
+    selection.taken.iter().flat_map(of).collect()
+}
+
+/// Verdict, summary and notes.
+fn judge(d: &mut Diagnosis, selection: &Selection, moved: Option<String>) {
+    let fits = d.quality.augmented_z < GOOD_FIT_Z;
+    let names: Vec<&str> = d.effects.iter().map(|e| e.title).collect();
+    if !d.noise.from_repeats {
+        d.notes.push("fewer than three repeats of any run: the noise is assumed, so that no noise floor can be claimed".to_owned());
+    }
+    if let Some(reason) = moved {
+        d.verdict = Verdict::Unexplained;
+        d.summary = format!("The noise floor itself moved: {reason}. Nothing is named; look for a loose contact or hum.");
+        return;
+    }
+    (d.verdict, d.summary) = match (fits, names.is_empty()) {
+        (true, true) if d.noise.from_repeats => {
+            (Verdict::AtNoiseFloor, "Nothing is missing that these repeats could show: the residual is at the noise floor.".to_owned())
+        }
+        (true, true) => {
+            (Verdict::Unexplained, "The residual is within the assumed noise; without repeats this is not a finding.".to_owned())
+        }
+        (true, false) if d.rivals.is_empty() => (Verdict::Explained, format!("Missing and now added: {}.", names.join(", "))),
+        (true, false) => {
+            let others: Vec<&str> = d.rivals.iter().map(|r| r.name).collect();
+            (Verdict::Ambiguous, format!("Missing: {} – or {}: these data cannot tell.", names.join(", "), others.join(", ")))
+        }
+        (false, false) => (Verdict::Unexplained, format!("{} explains a part; the rest has no name in the catalogue.", names.join(", "))),
+        (false, true) => (Verdict::Unexplained, "Something is missing that no effect of the catalogue explains.".to_owned()),
+    };
+    if let Some((name, score, reason)) = &selection.refused {
+        d.notes.push(format!("hint only, not named: {name} would gain {score:.0} but {reason}"));
+    }
+}
+
+fn noise_report(prepared: &Prepared) -> NoiseReport {
+    let e = &prepared.estimate;
+    let terms = TERMS
+        .iter()
+        .enumerate()
+        .map(|(k, (_, name))| NoiseTerm {
+            name,
+            sigma: e.log_sigmas[k].exp(),
+            history: prepared.prior.known.then(|| prepared.prior.log_sigmas[k].exp()),
+            z: if prepared.prior.known { e.z[k] } else { None },
+        })
+        .collect();
+    NoiseReport { from_repeats: e.repeats >= 3, terms }
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (count, sum) = values.fold((0usize, 0.0), |(n, s), v| (n + 1, s + v * v));
+    (sum / count.max(1) as f64).sqrt()
+}
+
+/// Per-sample predictions of a record.
+fn samples(problem: &Problem, (structure, x): (&Structure, &[f64]), block: usize, desk: &mut Desk) -> Vec<f64> {
+    let _ = problem.predict((structure, x), block, 1, desk);
+    desk.voltage_v.clone()
+}
+
+fn gaps(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mut Desk) -> Vec<Gap> {
+    let problem = &prepared.problem;
+    let empty = Structure::default();
+    let start = empty.encode(erm);
+    let mut gaps = Vec::new();
+    for k in problem.of_role(Role::HeldOut) {
+        let block = &problem.blocks[k];
+        let Kind::Time(time) = &block.kind else { continue };
+        let mut gap = |at: (&Structure, &[f64])| {
+            let predicted = samples(problem, at, k, desk);
+            1e3 * rms(predicted.iter().zip(&time.voltage_v).map(|(p, m)| p - m))
+        };
+        gaps.push(Gap {
+            run: block.name.clone(),
+            eis_only_mv: gap((&empty, &start)),
+            base_mv: gap((&base.structure, &base.x)),
+            augmented_mv: gap((&after.structure, &after.x)),
+            floor_mv: 1e3 * rms(sample_floor(prepared, k, time).into_iter()),
+        });
+    }
+    gaps
+}
+
+/// Standard deviation per sample: the rows' own, with the white noise of a single sample instead of the mean's.
+fn sample_floor(prepared: &Prepared, block: usize, time: &super::block::TimeBlock) -> Vec<f64> {
+    let white = prepared.sample_noise_v.powi(2);
+    let mut floor = Vec::with_capacity(time.voltage_v.len());
+    for (bin, sigma) in time.bins.iter().zip(&prepared.problem.floors[block]) {
+        let count = (bin.to - bin.from) as f64;
+        floor.extend(std::iter::repeat_n((sigma * sigma + white * (1.0 - 1.0 / count)).max(0.0).sqrt(), bin.to - bin.from));
+    }
+    floor
+}
+
+fn spectrum_gaps(problem: &Problem, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mut Desk) -> Vec<SpectrumGap> {
+    let empty = Structure::default();
+    let start = empty.encode(erm);
+    let mut gaps = Vec::new();
+    for k in problem.of_role(Role::HeldOut) {
+        let block = &problem.blocks[k];
+        if !matches!(block.kind, Kind::Eis { .. }) {
+            continue;
+        }
+        let size = |n: usize| block.measured[n & !1].hypot(block.measured[n | 1]);
+        let mut gap = |at: (&Structure, &[f64])| {
+            let rows = problem.predict(at, k, 1, desk);
+            100.0 * 2f64.sqrt() * rms(rows.iter().zip(&block.measured).enumerate().map(|(n, (p, m))| (p - m) / size(n)))
+        };
+        gaps.push(SpectrumGap {
+            run: block.name.clone(),
+            eis_only_percent: gap((&empty, &start)),
+            base_percent: gap((&base.structure, &base.x)),
+            augmented_percent: gap((&after.structure, &after.x)),
+            floor_percent: 100.0 * 2f64.sqrt() * rms(problem.floors[k].iter().enumerate().map(|(n, f)| f / size(n))),
+        });
+    }
+    gaps
+}
+
+fn curves(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mut Desk) -> Vec<RunCurves> {
+    let problem = &prepared.problem;
+    let empty = Structure::default();
+    let start = empty.encode(erm);
+    let all: [(&Structure, &[f64]); 3] = [(&empty, &start), (&base.structure, &base.x), (&after.structure, &after.x)];
+    let complex = |rows: &[f64]| rows.chunks_exact(2).map(|z| Complex64::new(z[0], z[1])).collect::<Vec<Complex64>>();
+    problem
+        .blocks
+        .iter()
+        .enumerate()
+        .map(|(k, block)| {
+            let curves = match &block.kind {
+                Kind::Eis { points, .. } => {
+                    let [eis_only_ohm, base_ohm, augmented_ohm] = all.map(|at| complex(&problem.predict(at, k, 1, desk)));
+                    Curves::Eis {
+                        freq_hz: points.iter().map(|p| p.freq_hz).collect(),
+                        measured_ohm: complex(&block.measured),
+                        eis_only_ohm,
+                        base_ohm,
+                        augmented_ohm,
+                        floor_ohm: problem.floors[k].chunks_exact(2).map(|f| f[0].hypot(f[1])).collect(),
+                    }
+                }
+                Kind::Time(time) => {
+                    let [eis_only_v, base_v, augmented_v] = all.map(|at| samples(problem, at, k, desk));
+                    Curves::Time {
+                        time_s: time.time_s.clone(),
+                        current_a: time.current_a.clone(),
+                        measured_v: time.voltage_v.clone(),
+                        eis_only_v,
+                        base_v,
+                        augmented_v,
+                        floor_v: sample_floor(prepared, k, time),
+                    }
+                }
+            };
+            RunCurves { name: block.name.clone(), held_out: block.role == Role::HeldOut, curves }
+        })
+        .collect()
+}
+
+/// Blocks that noise alone would hardly make.
+pub fn significant(blocks: &[Block]) -> impl Iterator<Item = &Block> {
+    blocks.iter().filter(|b| b.p_value < 0.01)
+}

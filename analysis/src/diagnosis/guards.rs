@@ -1,0 +1,63 @@
+//! The guards of the workflow and their thresholds. Each can be switched off, for studies of what it is worth; the product never does.
+
+/// Which guards are on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Guards {
+    /// Errors of the current channel are pushed through the model into the noise.
+    pub current_channel_noise: bool,
+    /// Localisation and scores look outside the model's tangent space only.
+    pub tangent_projection: bool,
+    /// No held-out run may become worse.
+    pub held_out: bool,
+    /// An addition must remove a material share of the excess.
+    pub material_share: bool,
+    /// Repeats must agree with each other and with the bench's history.
+    pub sentinel: bool,
+    /// A parameter at its bound is not named.
+    pub bound: bool,
+    /// The error of integration must be below a tenth of the floor.
+    pub integration: bool,
+}
+
+impl Default for Guards {
+    fn default() -> Self {
+        Self {
+            current_channel_noise: true,
+            tangent_projection: true,
+            held_out: true,
+            material_share: true,
+            sentinel: true,
+            bound: true,
+            integration: true,
+        }
+    }
+}
+
+/// Penalised gain that an addition must have.
+pub(super) const LEAST_SCORE: f64 = 8.0;
+/// Lagrange score above which a candidate is fitted in any case.
+pub(super) const LEAST_LAGRANGE: f64 = 5.0;
+/// Candidates that are fitted even below it.
+pub(super) const ALWAYS_FITTED: usize = 3;
+/// Candidates that are fitted at most, unless their score is within [`NEAR_BEST`] of the best.
+pub(super) const MOST_FITTED: usize = 8;
+/// Part of the best Lagrange score that keeps a candidate beyond [`MOST_FITTED`].
+pub(super) const NEAR_BEST: f64 = 0.3;
+/// Share of the excess of χ² over its degrees of freedom that an addition must remove, unless it reaches the floor.
+pub(super) const MATERIAL_SHARE: f64 = 0.3;
+/// (χ² − dof)/√(2·dof) below which nothing is missing.
+pub(super) const GOOD_FIT_Z: f64 = 5.0;
+/// Penalised gain by which the best must lead a rival to be named.
+pub(super) const NAMING_LEAD: f64 = 14.0;
+/// A held-out run's χ² may grow by this part …
+pub(super) const HELD_OUT_PART: f64 = 0.1;
+/// … and this much.
+pub(super) const HELD_OUT_SUM: f64 = 20.0;
+/// Standard deviations by which repeats may leave the history or each other.
+pub(super) const SENTINEL_Z: f64 = 5.0;
+/// Error of integration as a part of the floor.
+pub(super) const INTEGRATION_PART: f64 = 0.1;
+/// Strength over its standard uncertainty: the 95 % interval leaves zero out.
+pub(super) const LEAST_DEVIATES: f64 = 1.96;
+/// Effects added at most.
+pub(super) const MOST_EFFECTS: usize = 3;

@@ -1,0 +1,375 @@
+//! The noise of every row, from repeats: what a run's repeats disagree in, and what the current channel's errors do to the model's own output.
+//!
+//! C = diag(σ_w²/m) + σ_d² exp(−|Δt|/τ_d) + σ_V² 11ᵀ + σ_R² ηηᵀ + σ_g² b_g b_gᵀ + σ_o² b_o b_oᵀ + Σ σ_I² b_s b_sᵀ, with η the overpotential and b the model's
+//! responses to a gain, a zero error and a per-stretch error of the logged current, the counted charge included. The σ are found by restricted maximum
+//! likelihood on the differences between repeats, in which whatever the model lacks cancels: the misfit is never used. The bench's history is the
+//! prior.
+
+use super::block::{Block, Desk, Kind, TimeBlock};
+use super::data::BenchHistory;
+use super::whitening::{Whitener, dot};
+use crate::augmented::network;
+use crate::effects::Base;
+use crate::fit::linalg::{cholesky, cholesky_substitute};
+use std::collections::BTreeMap;
+
+/// Standard deviation of the logarithm of a history's σ.
+const HISTORY_SPREAD: f64 = 0.15;
+/// The same where there is no history.
+const IGNORANCE_SPREAD: f64 = 1.5;
+/// Newton steps of the likelihood at most.
+const ITERATIONS: usize = 12;
+/// Stretches of constant current with an error of their own at most.
+const MOST_STRETCHES: usize = 40;
+/// 1/√12: standard deviation of a uniform error of one code, and of an edge anywhere between two samples.
+const UNIFORM: f64 = 0.288_675_134_594_812_9;
+
+/// The terms that are estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Term {
+    White,
+    Drift,
+    Level,
+    Resistance,
+    Gain,
+    Zero,
+    Eis,
+}
+
+/// All terms with their names in files.
+pub(super) const TERMS: [(Term, &str); 7] = [
+    (Term::White, "voltage_noise_v"),
+    (Term::Drift, "voltage_drift_v"),
+    (Term::Level, "voltage_offset_v"),
+    (Term::Resistance, "resistance_rel"),
+    (Term::Gain, "current_gain_rel"),
+    (Term::Zero, "current_offset_a"),
+    (Term::Eis, "eis_noise_rel"),
+];
+
+/// Natural logarithms of the σ of [`TERMS`].
+pub(super) type LogSigmas = [f64; TERMS.len()];
+
+/// What is known of a bench before its repeats.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Prior {
+    pub(super) log_sigmas: LogSigmas,
+    pub(super) spread: f64,
+    pub(super) known: bool,
+    history: BenchHistory,
+}
+
+impl Prior {
+    pub(super) fn new(history: Option<BenchHistory>, base: &Base) -> Self {
+        let greatest = base.facts.greatest_a;
+        let guess = BenchHistory {
+            voltage_noise_v: 5e-4,
+            voltage_resolution_v: 0.0,
+            voltage_offset_v: 1e-3,
+            voltage_drift_v: 2e-4,
+            voltage_drift_s: 2.0,
+            resistance_rel: 0.01,
+            current_gain_rel: 2e-3,
+            current_offset_a: 1e-3 * greatest,
+            current_noise_a: 2e-4 * greatest,
+            current_resolution_a: 0.0,
+            eis_noise_rel: 3e-3,
+        };
+        let h = history.unwrap_or(guess);
+        let sigma = |term: Term| match term {
+            Term::White => h.voltage_noise_v,
+            Term::Drift => h.voltage_drift_v,
+            Term::Level => h.voltage_offset_v,
+            Term::Resistance => h.resistance_rel,
+            Term::Gain => h.current_gain_rel,
+            Term::Zero => h.current_offset_a,
+            Term::Eis => h.eis_noise_rel,
+        };
+        let log_sigmas = TERMS.map(|(term, _)| sigma(term).max(1e-12).ln());
+        let spread = if history.is_some() { HISTORY_SPREAD } else { IGNORANCE_SPREAD };
+        Self { log_sigmas, spread, known: history.is_some(), history: h }
+    }
+}
+
+/// The shape of a block's covariance: every matrix that a σ² multiplies.
+#[derive(Debug, Clone)]
+pub(super) struct Shape {
+    n: usize,
+    /// Variance that no estimate touches: codes of both channels, noise of the current, stated σ.
+    fixed: Vec<f64>,
+    /// Diagonal of the white term, voltage or spectrum.
+    white: (Term, Vec<f64>),
+    /// Correlation of the drift, row-major; empty for a spectrum.
+    drift: Vec<f64>,
+    /// One vector per estimated term of rank one.
+    vectors: Vec<(Term, Vec<f64>)>,
+    /// Vectors of known standard deviation.
+    known: Vec<Vec<f64>>,
+}
+
+impl Shape {
+    /// The shape at a base model.
+    pub(super) fn new(block: &Block, base: &Base, prior: &Prior, desk: &mut Desk) -> Self {
+        let mut predicted = Vec::new();
+        let network = network(base, &[]);
+        block.predict((base, &[], &network), 1, desk, &mut predicted);
+        match &block.kind {
+            Kind::Eis { sigma_ohm, .. } => {
+                let size: Vec<f64> = predicted.chunks_exact(2).flat_map(|z| [z[0].hypot(z[1]); 2]).collect();
+                let stated = |k: usize| sigma_ohm[k / 2].map_or(0.0, |s| if k.is_multiple_of(2) { s.0 } else { s.1 });
+                Self {
+                    n: size.len(),
+                    fixed: (0..size.len()).map(|k| stated(k).powi(2) + (1e-7 * size[k]).powi(2)).collect(),
+                    white: (Term::Eis, size.iter().map(|z| z * z).collect()),
+                    drift: Vec::new(),
+                    vectors: vec![(Term::Resistance, predicted)],
+                    known: Vec::new(),
+                }
+            }
+            Kind::Time(time) => Self::time(block, time, (base, &predicted), prior, desk),
+        }
+    }
+
+    fn time(block: &Block, time: &TimeBlock, (base, predicted): (&Base, &[f64]), prior: &Prior, desk: &mut Desk) -> Self {
+        let h = &prior.history;
+        let n = time.bins.len();
+        let counts: Vec<f64> = time.bins.iter().map(|b| (b.to - b.from) as f64).collect();
+        let current_noise_v = (h.current_noise_a * base.erm.r_ohm).powi(2);
+        let fixed_v = (h.voltage_resolution_v * UNIFORM).powi(2) + current_noise_v + 1e-14;
+        let capacity_c = 3600.0 * base.ocv.capacity_ah;
+        let overpotential: Vec<f64> =
+            time.bins.iter().zip(predicted).map(|(b, v)| base.ocv.voltage_v(block.at.soc - b.charge_c / capacity_c) - v).collect();
+        let mut respond = |change: &dyn Fn(usize, f64) -> f64, scale: f64| {
+            let current_a: Vec<f64> = time.current_a.iter().enumerate().map(|(k, i)| i + change(k, *i)).collect();
+            desk.player.play((base, &[]), &block.record(time, &current_a), (&time.grid, 1), &mut desk.voltage_v);
+            time.average(&desk.voltage_v).iter().zip(predicted).map(|(a, b)| (a - b) * scale).collect::<Vec<f64>>()
+        };
+        let vectors = vec![
+            (Term::Level, vec![1.0; n]),
+            (Term::Resistance, overpotential),
+            (Term::Gain, respond(&|_, i| 1e-2 * i, 1e2)),
+            (Term::Zero, respond(&|_, _| 1e-1, 1e1)),
+        ];
+        let mut known = Vec::new();
+        let step_a = h.current_resolution_a * UNIFORM;
+        if step_a > 0.0 {
+            known.extend(stretches(time).map(|(from, to)| respond(&|k, _| if (from..to).contains(&k) { step_a } else { 0.0 }, 1.0)));
+        }
+        if time.linear {
+            known.extend(time.edges.iter().skip(1).map(|edge| edge_shift(time, *edge, base)));
+        }
+        let correlation = |i: usize, j: usize| (-(time.bins[i].time_s - time.bins[j].time_s).abs() / h.voltage_drift_s.max(1e-3)).exp();
+        Self {
+            n,
+            fixed: counts.iter().map(|m| fixed_v / m).collect(),
+            white: (Term::White, counts.iter().map(|m| 1.0 / m).collect()),
+            drift: (0..n * n).map(|ij| correlation(ij / n, ij % n)).collect(),
+            vectors,
+            known,
+        }
+    }
+
+    /// Leaves the errors of the current channel out.
+    pub(super) fn forget_current_channel(&mut self) {
+        self.vectors.retain(|(term, _)| !matches!(term, Term::Gain | Term::Zero));
+        self.known.clear();
+    }
+
+    /// The covariance, row-major.
+    pub(super) fn covariance(&self, log_sigmas: &LogSigmas) -> Vec<f64> {
+        let n = self.n;
+        let variance = |term: Term| (2.0 * log_sigmas[term as usize]).exp();
+        let mut c = vec![0.0; n * n];
+        if !self.drift.is_empty() {
+            let scale = variance(Term::Drift);
+            c.iter_mut().zip(&self.drift).for_each(|(c, r)| *c = scale * r);
+        }
+        let white = variance(self.white.0);
+        for i in 0..n {
+            c[i * n + i] += self.fixed[i] + white * self.white.1[i];
+        }
+        let scaled = self.vectors.iter().map(|(term, v)| (variance(*term), v)).chain(self.known.iter().map(|v| (1.0, v)));
+        for (scale, v) in scaled {
+            for i in 0..n {
+                let x = scale * v[i];
+                if x != 0.0 {
+                    c[i * n..=i * n + i].iter_mut().zip(v).for_each(|(c, y)| *c += x * y);
+                }
+            }
+        }
+        c
+    }
+
+    /// (∂C/∂ln σ)·x for a term; none where the shape does not have it.
+    fn derivative_times(&self, term: Term, variance: f64, x: &[f64]) -> Option<Vec<f64>> {
+        let scale = 2.0 * variance;
+        if term == self.white.0 {
+            return Some(x.iter().zip(&self.white.1).map(|(x, g)| scale * g * x).collect());
+        }
+        if term == Term::Drift && !self.drift.is_empty() {
+            return Some(self.drift.chunks_exact(self.n).map(|row| scale * dot(row, x)).collect());
+        }
+        let (_, v) = self.vectors.iter().find(|(t, _)| *t == term)?;
+        let along = scale * dot(v, x);
+        Some(v.iter().map(|b| along * b).collect())
+    }
+
+    /// tr(C⁻¹·∂C/∂ln σ).
+    fn trace(&self, term: Term, variance: f64, white: &Whitener, inverse: &[f64]) -> f64 {
+        let scale = 2.0 * variance;
+        if term == self.white.0 {
+            return scale * white.trace_with_diagonal(&self.white.1);
+        }
+        if term == Term::Drift && !self.drift.is_empty() {
+            return scale * dot(inverse, &self.drift);
+        }
+        self.vectors.iter().find(|(t, _)| *t == term).map_or(0.0, |(_, v)| {
+            let mut w = Vec::with_capacity(self.n);
+            white.apply(v, &mut w);
+            scale * dot(&w, &w)
+        })
+    }
+}
+
+/// Stretches of samples between edges, merged to at most [`MOST_STRETCHES`].
+fn stretches(time: &TimeBlock) -> impl Iterator<Item = (usize, usize)> {
+    let every = time.edges.len().div_ceil(MOST_STRETCHES);
+    let starts: Vec<usize> = time.edges.iter().copied().step_by(every).collect();
+    let end = time.current_a.len();
+    (0..starts.len()).map(move |k| (starts[k], starts.get(k + 1).copied().unwrap_or(end)))
+}
+
+/// What it does to the rows when an edge lies anywhere between two samples, one standard deviation: the step response's change over that time.
+fn edge_shift(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
+    let (step_s, step_a) = (time.time_s[edge] - time.time_s[edge - 1], time.current_a[edge] - time.current_a[edge - 1]);
+    let at_s = time.time_s[edge] - 0.5 * step_s;
+    time.bins
+        .iter()
+        .map(|b| {
+            let t = b.time_s - at_s;
+            if t < 0.0 {
+                return 0.0;
+            }
+            let change = |tau_s: f64| (-(t - 0.5 * step_s).max(0.0) / tau_s).exp() - (-(t + 0.5 * step_s) / tau_s).exp();
+            UNIFORM * step_a * base.erm.branches.iter().map(|b| b.r_ohm * change(b.time_constant_s())).sum::<f64>()
+        })
+        .collect()
+}
+
+/// Repeats of one group: their shape and the differences between them.
+struct Group<'a> {
+    shape: &'a Shape,
+    contrasts: Vec<Vec<f64>>,
+}
+
+/// σ's as found.
+#[derive(Debug, Clone)]
+pub(super) struct Estimate {
+    pub(super) log_sigmas: LogSigmas,
+    /// How far each is from the history, in standard deviations; none where repeats say nothing of it.
+    pub(super) z: [Option<f64>; TERMS.len()],
+    /// (χ² − dof)/√(2·dof) of the differences between repeats; none without repeats.
+    pub(super) repeat_z: Option<f64>,
+    /// Most repeats of any group.
+    pub(super) repeats: usize,
+}
+
+/// σ's from the repeats among blocks; `residuals` are measured less predicted rows of each block.
+pub(super) fn estimate(blocks: &[Block], shapes: &[Shape], residuals: &[Vec<f64>], prior: &Prior) -> Estimate {
+    let mut members: BTreeMap<(&str, usize), Vec<usize>> = BTreeMap::new();
+    for (k, b) in blocks.iter().enumerate() {
+        members.entry((&b.group, b.rows())).or_default().push(k);
+    }
+    let repeats = members.values().map(Vec::len).max().unwrap_or(0);
+    let groups: Vec<Group<'_>> = members
+        .values()
+        .filter(|m| m.len() > 1)
+        .map(|m| Group { shape: &shapes[m[0]], contrasts: contrasts(&m.iter().map(|k| residuals[*k].as_slice()).collect::<Vec<_>>()) })
+        .collect();
+    let mut theta = prior.log_sigmas;
+    if groups.is_empty() {
+        return Estimate { log_sigmas: theta, z: [None; TERMS.len()], repeat_z: None, repeats };
+    }
+    let mut information = vec![0.0; TERMS.len() * TERMS.len()];
+    for _ in 0..ITERATIONS {
+        let (gradient, found) = expand(&groups, &theta);
+        information = found;
+        let step = newton(&gradient, &information, &theta, prior);
+        theta.iter_mut().zip(&step).for_each(|(t, s)| *t += s);
+        if step.iter().all(|s| s.abs() < 1e-3) {
+            break;
+        }
+    }
+    let s = prior.spread;
+    let z = std::array::from_fn(|j| {
+        let a = information[j * TERMS.len() + j];
+        (a > 1e-3).then(|| (theta[j] - prior.log_sigmas[j]) * (1.0 + a * s * s).sqrt() / (s * s * a.sqrt()))
+    });
+    Estimate { log_sigmas: theta, z, repeat_z: agreement(&groups, &theta), repeats }
+}
+
+/// Orthonormal differences of repeats (Helmert).
+fn contrasts(repeats: &[&[f64]]) -> Vec<Vec<f64>> {
+    (1..repeats.len())
+        .map(|k| {
+            let weight = 1.0 / ((k * (k + 1)) as f64).sqrt();
+            let others = |row: usize| repeats[..k].iter().map(|r| r[row]).sum::<f64>();
+            (0..repeats[0].len()).map(|row| weight * (k as f64 * repeats[k][row] - others(row))).collect()
+        })
+        .collect()
+}
+
+/// Gradient of −ln L and the average information matrix.
+fn expand(groups: &[Group<'_>], theta: &LogSigmas) -> (LogSigmas, Vec<f64>) {
+    let n = TERMS.len();
+    let (mut gradient, mut information) = ([0.0; TERMS.len()], vec![0.0; n * n]);
+    for group in groups {
+        let Some(white) = Whitener::new(group.shape.covariance(theta), group.shape.n) else { continue };
+        let inverse = if group.shape.drift.is_empty() { Vec::new() } else { white.inverse() };
+        let variance = |j: usize| (2.0 * theta[j]).exp();
+        for (j, (term, _)) in TERMS.iter().enumerate() {
+            gradient[j] += 0.5 * group.contrasts.len() as f64 * group.shape.trace(*term, variance(j), &white, &inverse);
+        }
+        for h in &group.contrasts {
+            let x = white.solve(h);
+            let sides: Vec<Option<Vec<f64>>> =
+                TERMS.iter().enumerate().map(|(j, (term, _))| group.shape.derivative_times(*term, variance(j), &x)).collect();
+            let solved: Vec<Option<Vec<f64>>> = sides.iter().map(|s| s.as_ref().map(|s| white.solve(s))).collect();
+            for j in 0..n {
+                let Some(side) = &sides[j] else { continue };
+                gradient[j] -= 0.5 * dot(&x, side);
+                for l in 0..n {
+                    information[j * n + l] += solved[l].as_ref().map_or(0.0, |w| 0.5 * dot(side, w));
+                }
+            }
+        }
+    }
+    (gradient, information)
+}
+
+fn newton(gradient: &LogSigmas, information: &[f64], theta: &LogSigmas, prior: &Prior) -> LogSigmas {
+    let n = TERMS.len();
+    let weight = prior.spread.powi(-2);
+    let mut a = information.to_vec();
+    let mut step: Vec<f64> = (0..n).map(|j| -gradient[j] - weight * (theta[j] - prior.log_sigmas[j])).collect();
+    (0..n).for_each(|j| a[j * n + j] += weight);
+    if !cholesky(&mut a, n) {
+        return [0.0; TERMS.len()];
+    }
+    cholesky_substitute(&a, n, &mut step);
+    std::array::from_fn(|j| step[j].clamp(-0.7, 0.7))
+}
+
+fn agreement(groups: &[Group<'_>], theta: &LogSigmas) -> Option<f64> {
+    let (mut chi2, mut dof) = (0.0, 0.0);
+    for group in groups {
+        let white = Whitener::new(group.shape.covariance(theta), group.shape.n)?;
+        for h in &group.contrasts {
+            let mut w = Vec::with_capacity(group.shape.n);
+            white.apply(h, &mut w);
+            chi2 += dot(&w, &w);
+            dof += w.len() as f64;
+        }
+    }
+    (dof > 0.0).then(|| (chi2 - dof) / (2.0 * dof).sqrt())
+}

@@ -1,0 +1,132 @@
+//! From a data set and a model to a problem: facts, blocks, noise.
+
+use super::block::{Block, DataSetError, Desk};
+use super::data::{DataSet, Fixture, Role, RunData, Start};
+use super::guards::Guards;
+use super::noise::{Estimate, Prior, Shape, TERMS, Term, estimate};
+use super::problem::Problem;
+use super::whitening::Whitener;
+use crate::augmented::network;
+use crate::effects::{Base, Facts};
+use crate::model::Erm;
+use crate::ocv::OcvCurve;
+
+/// The model that is judged.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BaseModel {
+    /// Name for reports.
+    pub name: String,
+    /// Fitted to spectra.
+    pub erm: Erm,
+    /// Open-circuit voltage over SOC, with the capacity.
+    pub ocv: OcvCurve,
+}
+
+/// A problem with the noise it was made with.
+#[derive(Debug)]
+pub(super) struct Prepared {
+    pub(super) problem: Problem,
+    pub(super) estimate: Estimate,
+    pub(super) prior: Prior,
+    /// White noise of one voltage sample, V.
+    pub(super) sample_noise_v: f64,
+}
+
+/// Makes a data set ready.
+///
+/// # Errors
+/// [`DataSetError`] for a run that cannot be used or a set without training runs.
+pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Result<Prepared, DataSetError> {
+    if !set.runs.iter().any(|r| r.role == Role::Train) {
+        return Err(DataSetError::Set { name: set.name.clone(), expected: "at least one training run" });
+    }
+    let base = Base { erm: model.erm.clone(), ocv: model.ocv.clone(), facts: facts(set, &model.ocv) };
+    let mut blocks = set.runs.iter().map(|r| Block::new(r, &base)).collect::<Result<Vec<Block>, DataSetError>>()?;
+    blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
+    let prior = Prior::new(set.history, &base);
+    let mut desk = Desk::default();
+    let mut shapes: Vec<Shape> = blocks.iter().map(|b| Shape::new(b, &base, &prior, &mut desk)).collect();
+    if !guards.current_channel_noise {
+        shapes.iter_mut().for_each(Shape::forget_current_channel);
+    }
+    let residuals: Vec<Vec<f64>> = blocks
+        .iter()
+        .map(|b| {
+            let mut rows = Vec::new();
+            b.predict((&base, &[], &network(&base, &[])), 1, &mut desk, &mut rows);
+            b.measured.iter().zip(rows).map(|(m, p)| m - p).collect()
+        })
+        .collect();
+    let estimate = estimate(&blocks, &shapes, &residuals, &prior);
+    let mut whiteners = Vec::with_capacity(blocks.len());
+    let mut floors = Vec::with_capacity(blocks.len());
+    for (block, shape) in blocks.iter().zip(&shapes) {
+        let covariance = shape.covariance(&estimate.log_sigmas);
+        let n = block.rows();
+        floors.push((0..n).map(|i| covariance[i * n + i].sqrt()).collect());
+        let met =
+            || DataSetError::Run { run: block.name.clone(), expected: "noise that is not zero", met: "a singular covariance".to_owned() };
+        whiteners.push(Whitener::new(covariance, n).ok_or_else(met)?);
+    }
+    let sample_noise_v = estimate.log_sigmas[Term::White as usize].exp();
+    debug_assert_eq!(TERMS[Term::White as usize].0, Term::White);
+    Ok(Prepared { problem: Problem { base, blocks, whiteners, floors }, estimate, prior, sample_noise_v })
+}
+
+fn facts(set: &DataSet, ocv: &OcvCurve) -> Facts {
+    let mut f = Facts {
+        lowest_hz: None,
+        highest_hz: None,
+        longest_s: 0.0,
+        shortest_s: f64::INFINITY,
+        greatest_a: 0.0,
+        widest_soc: 0.0,
+        soc: 0.5,
+        temperature_c: 25.0,
+        orders: 0.0,
+        span_s: 0.0,
+    };
+    let (mut socs, mut temperatures) = ((Vec::new(), Vec::new()), (Vec::new(), Vec::new()));
+    let (mut orders, mut starts) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
+    let widen = |span: &mut (f64, f64), v: f64| *span = (span.0.min(v), span.1.max(v));
+    for run in &set.runs {
+        widen(&mut orders, f64::from(run.order));
+        widen(&mut starts, run.start_s);
+        let soc = match run.start {
+            Start::Soc(soc) => Some(soc),
+            Start::Ocv(v) => ocv.soc_at(v),
+        };
+        let is_cell = matches!(run.fixture, Fixture::Cell(_));
+        let (by_kind, warm) = match &run.data {
+            RunData::Eis(sweep) => {
+                for p in &sweep.points {
+                    f.lowest_hz = Some(f.lowest_hz.map_or(p.freq_hz, |l: f64| l.min(p.freq_hz)));
+                    f.highest_hz = Some(f.highest_hz.map_or(p.freq_hz, |h: f64| h.max(p.freq_hz)));
+                }
+                (&mut socs.0, &mut temperatures.0)
+            }
+            RunData::Time(record) => {
+                let s = &record.series;
+                f.longest_s = f.longest_s.max(s.time_s.last().unwrap_or(&0.0) - s.time_s.first().unwrap_or(&0.0));
+                f.shortest_s = s.time_s.windows(2).fold(f.shortest_s, |m, w| m.min(w[1] - w[0]));
+                f.greatest_a = s.current_a.iter().fold(f.greatest_a, |m, i| m.max(i.abs()));
+                let (low, high) = s.charge_c().iter().fold((0.0f64, 0.0f64), |(a, b), q| (a.min(*q), b.max(*q)));
+                f.widest_soc = f.widest_soc.max((high - low) / (3600.0 * ocv.capacity_ah));
+                (&mut socs.1, &mut temperatures.1)
+            }
+        };
+        if is_cell {
+            by_kind.extend(soc);
+            warm.push(run.temperature_c);
+        }
+    }
+    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+    let choose = |(spectra, records): &(Vec<f64>, Vec<f64>), otherwise: f64| match (spectra.is_empty(), records.is_empty()) {
+        (false, _) => mean(spectra),
+        (true, false) => mean(records),
+        (true, true) => otherwise,
+    };
+    (f.soc, f.temperature_c) = (choose(&socs, 0.5), choose(&temperatures, 25.0));
+    (f.orders, f.span_s) = (orders.1 - orders.0, starts.1 - starts.0);
+    f
+}

@@ -1,0 +1,271 @@
+//! Residuals, derivatives and fits of a structure to the training runs.
+
+use super::block::{Block, Desk};
+use super::data::Role;
+use super::structure::{Axis, Structure, at_bound};
+use super::whitening::{Whitener, dot};
+use crate::augmented::network;
+use crate::effects::Base;
+use crate::fit::linalg::{cholesky, cholesky_substitute, invert};
+use crate::model::Erm;
+
+/// Steps of a fit at most.
+const ITERATIONS: usize = 40;
+/// A fit ends when less χ² than this is promised.
+const PROMISE: f64 = 2e-3;
+/// Longest move of one coordinate.
+const LONGEST_STEP: f64 = 1.0;
+
+/// Everything that stays while structures change.
+#[derive(Debug)]
+pub(super) struct Problem {
+    pub(super) base: Base,
+    pub(super) blocks: Vec<Block>,
+    pub(super) whiteners: Vec<Whitener>,
+    /// Standard deviation of every row of every block.
+    pub(super) floors: Vec<Vec<f64>>,
+}
+
+/// A fitted structure.
+#[derive(Debug, Clone)]
+pub(super) struct Fit {
+    pub(super) structure: Structure,
+    pub(super) x: Vec<f64>,
+    pub(super) axes: Vec<Axis>,
+    /// χ² of the training rows.
+    pub(super) chi2: f64,
+    /// Whitened residuals of the training rows, measured less predicted.
+    pub(super) residuals: Vec<f64>,
+    /// Derivatives of the whitened prediction, one column per parameter.
+    pub(super) columns: Vec<Vec<f64>>,
+}
+
+impl Problem {
+    pub(super) fn branches(&self) -> usize {
+        self.base.erm.branches.len()
+    }
+
+    /// Rows of the training runs.
+    pub(super) fn training_rows(&self) -> usize {
+        self.of_role(Role::Train).map(|k| self.blocks[k].rows()).sum()
+    }
+
+    pub(super) fn of_role(&self, role: Role) -> impl Iterator<Item = usize> {
+        self.blocks.iter().enumerate().filter(move |(_, b)| b.role == role).map(|(k, _)| k)
+    }
+
+    /// The base with another ERM.
+    pub(super) fn base_with(&self, erm: Erm) -> Base {
+        Base { erm, ..self.base.clone() }
+    }
+
+    /// Predicted rows of one block.
+    pub(super) fn predict(&self, (structure, x): (&Structure, &[f64]), block: usize, parts: usize, desk: &mut Desk) -> Vec<f64> {
+        let (erm, values) = structure.decode(x, self.branches());
+        let base = self.base_with(erm);
+        let added = structure.added(&values);
+        let mut rows = Vec::with_capacity(self.blocks[block].rows());
+        self.blocks[block].predict((&base, &added, &network(&base, &added)), parts, desk, &mut rows);
+        rows
+    }
+
+    /// Whitened predictions of the training rows.
+    fn whitened(&self, (structure, x): (&Structure, &[f64]), desk: &mut Desk) -> Vec<f64> {
+        let (erm, values) = structure.decode(x, self.branches());
+        let base = self.base_with(erm);
+        let added = structure.added(&values);
+        let network = network(&base, &added);
+        let mut all = Vec::with_capacity(self.training_rows());
+        let mut rows = Vec::new();
+        for k in self.of_role(Role::Train) {
+            rows.clear();
+            self.blocks[k].predict((&base, &added, &network), 1, desk, &mut rows);
+            self.whiteners[k].apply(&rows, &mut all);
+        }
+        all
+    }
+
+    /// Whitened measured training rows.
+    fn target(&self) -> Vec<f64> {
+        let mut all = Vec::with_capacity(self.training_rows());
+        self.of_role(Role::Train).for_each(|k| self.whiteners[k].apply(&self.blocks[k].measured, &mut all));
+        all
+    }
+
+    /// Whitened prediction of the training rows of a fit.
+    pub(super) fn prediction(&self, fit: &Fit) -> Vec<f64> {
+        self.target().iter().zip(&fit.residuals).map(|(t, r)| t - r).collect()
+    }
+
+    /// Whitened χ² of one block at a vector.
+    pub(super) fn block_chi2(&self, at: (&Structure, &[f64]), block: usize, desk: &mut Desk) -> f64 {
+        let rows = self.predict(at, block, 1, desk);
+        let difference: Vec<f64> = self.blocks[block].measured.iter().zip(&rows).map(|(m, p)| m - p).collect();
+        let mut w = Vec::with_capacity(rows.len());
+        self.whiteners[block].apply(&difference, &mut w);
+        dot(&w, &w)
+    }
+
+    /// The change of the whitened prediction when coordinates change by `moves`.
+    pub(super) fn change(
+        &self,
+        structure: &Structure,
+        (x, predicted): (&[f64], &[f64]),
+        moves: &[(usize, f64)],
+        desk: &mut Desk,
+    ) -> Vec<f64> {
+        let mut moved = x.to_vec();
+        moves.iter().for_each(|(k, d)| moved[*k] += d);
+        let mut rows = self.whitened((structure, &moved), desk);
+        rows.iter_mut().zip(predicted).for_each(|(r, p)| *r -= p);
+        rows
+    }
+
+    fn columns(&self, structure: &Structure, (x, axes): (&[f64], &[Axis]), predicted: &[f64], desk: &mut Desk) -> Vec<Vec<f64>> {
+        (0..x.len())
+            .map(|k| {
+                // One-sided steps go inwards.
+                let step = if x[k] + axes[k].step > axes[k].upper { -axes[k].step } else { axes[k].step };
+                let mut column = self.change(structure, (x, predicted), &[(k, step)], desk);
+                column.iter_mut().for_each(|c| *c /= step);
+                column
+            })
+            .collect()
+    }
+
+    /// Fits a structure from its members' starts and a base.
+    pub(super) fn fit(&self, structure: &Structure, start: &Erm, desk: &mut Desk) -> Fit {
+        let axes = structure.axes(&self.base.erm);
+        let mut x = structure.encode(start);
+        x.iter_mut().zip(&axes).for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+        self.fit_from(structure, x, axes, desk)
+    }
+
+    /// Fits a structure from a vector.
+    pub(super) fn fit_from(&self, structure: &Structure, mut x: Vec<f64>, axes: Vec<Axis>, desk: &mut Desk) -> Fit {
+        let target = self.target();
+        let difference = |p: &[f64]| target.iter().zip(p).map(|(t, p)| t - p).collect::<Vec<f64>>();
+        let mut predicted = self.whitened((structure, &x), desk);
+        let mut residuals = difference(&predicted);
+        let mut chi2 = dot(&residuals, &residuals);
+        let mut columns = self.columns(structure, (&x, &axes), &predicted, desk);
+        let mut damping = 1e-4;
+        for _ in 0..ITERATIONS {
+            let Some((step, promise)) = step(&columns, &residuals, (&x, &axes), damping) else { break };
+            if promise < PROMISE {
+                break;
+            }
+            let trial: Vec<f64> = x.iter().zip(&step).zip(&axes).map(|((x, s), a)| (x + s).clamp(a.lower, a.upper)).collect();
+            let moved = self.whitened((structure, &trial), desk);
+            let left = difference(&moved);
+            let value = dot(&left, &left);
+            if value < chi2 {
+                let gained = chi2 - value;
+                (x, predicted, residuals, chi2) = (trial, moved, left, value);
+                damping = if gained > 0.5 * promise { damping * 0.1 } else { damping };
+                columns = self.columns(structure, (&x, &axes), &predicted, desk);
+                if gained < PROMISE {
+                    break;
+                }
+            } else {
+                damping = (damping * 10.0).max(1e-6);
+                if damping > 1e8 {
+                    break;
+                }
+            }
+        }
+        Fit { structure: structure.clone(), x, axes, chi2, residuals, columns }
+    }
+}
+
+/// A damped Gauss–Newton step of the coordinates that no bound holds, and the decrease of χ² that it promises.
+fn step(columns: &[Vec<f64>], residuals: &[f64], (x, axes): (&[f64], &[Axis]), damping: f64) -> Option<(Vec<f64>, f64)> {
+    let gradient: Vec<f64> = columns.iter().map(|c| dot(c, residuals)).collect();
+    let held = |k: usize| {
+        let tiny = 1e-12 * (1.0 + x[k].abs());
+        (x[k] <= axes[k].lower + tiny && gradient[k] <= 0.0) || (x[k] >= axes[k].upper - tiny && gradient[k] >= 0.0)
+    };
+    let free: Vec<usize> = (0..x.len()).filter(|k| !held(*k)).collect();
+    let m = free.len();
+    if m == 0 {
+        return None;
+    }
+    let mut a = vec![0.0; m * m];
+    for (i, k) in free.iter().enumerate() {
+        for (j, l) in free.iter().enumerate().take(i + 1) {
+            let value = dot(&columns[*k], &columns[*l]);
+            a[i * m + j] = value;
+            a[j * m + i] = value;
+        }
+    }
+    let diagonal: Vec<f64> = (0..m).map(|i| a[i * m + i]).collect();
+    for i in 0..m {
+        a[i * m + i] += damping * diagonal[i] + 1e-9;
+    }
+    let mut part: Vec<f64> = free.iter().map(|k| gradient[*k]).collect();
+    if !cholesky(&mut a, m) {
+        return None;
+    }
+    cholesky_substitute(&a, m, &mut part);
+    let promise: f64 = part.iter().zip(&free).map(|(s, k)| s * gradient[*k]).sum();
+    let longest = part.iter().fold(0.0f64, |m, s| m.max(s.abs()));
+    let shrink = (LONGEST_STEP / longest).min(1.0);
+    let mut step = vec![0.0; x.len()];
+    free.iter().zip(&part).for_each(|(k, s)| step[*k] = shrink * s);
+    Some((step, promise))
+}
+
+impl Fit {
+    /// The fitted ERM and the values of the effects.
+    pub(super) fn decode(&self, branches: usize) -> (Erm, Vec<Vec<f64>>) {
+        self.structure.decode(&self.x, branches)
+    }
+
+    /// Covariance of the coordinates, row-major; none where the data do not fix them.
+    pub(super) fn covariance(&self) -> Option<Vec<f64>> {
+        let n = self.x.len();
+        let information: Vec<f64> = (0..n * n).map(|ij| dot(&self.columns[ij / n], &self.columns[ij % n])).collect();
+        invert(&information, n)
+    }
+
+    /// True where a coordinate of a member lies at a bound.
+    pub(super) fn member_at_bound(&self, member: usize, branches: usize) -> bool {
+        let first = self.structure.first(member, branches);
+        (first..first + self.structure.members[member].free()).any(|k| at_bound(self.x[k], &self.axes[k]))
+    }
+
+    /// An orthonormal basis of the tangent space.
+    pub(super) fn tangent(&self) -> Tangent {
+        let mut tangent = Tangent::default();
+        self.columns.iter().for_each(|c| tangent.add(c.clone()));
+        tangent
+    }
+}
+
+/// An orthonormal basis of what a model can already imitate.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Tangent {
+    pub(super) basis: Vec<Vec<f64>>,
+}
+
+impl Tangent {
+    /// Takes the part of a vector outside the basis into it, unless nothing is left.
+    pub(super) fn add(&mut self, mut column: Vec<f64>) {
+        let size = dot(&column, &column).sqrt();
+        self.project(&mut column);
+        self.project(&mut column);
+        let left = dot(&column, &column).sqrt();
+        if left > 1e-7 * size && left > 0.0 {
+            column.iter_mut().for_each(|c| *c /= left);
+            self.basis.push(column);
+        }
+    }
+
+    /// Takes the part inside the basis off a vector.
+    pub(super) fn project(&self, v: &mut [f64]) {
+        for q in &self.basis {
+            let along = dot(q, v);
+            v.iter_mut().zip(q).for_each(|(v, q)| *v -= along * q);
+        }
+    }
+}

@@ -1,0 +1,298 @@
+//! Adds effects one by one, each only if everything speaks for it, and takes back what later ones make needless.
+
+use super::block::Desk;
+use super::data::Role;
+use super::guards::{
+    ALWAYS_FITTED, GOOD_FIT_Z, Guards, HELD_OUT_PART, HELD_OUT_SUM, INTEGRATION_PART, LEAST_DEVIATES, LEAST_LAGRANGE, LEAST_SCORE,
+    MATERIAL_SHARE, MOST_EFFECTS, MOST_FITTED, NAMING_LEAD, NEAR_BEST,
+};
+use super::outcome::{Candidate, Evidence};
+use super::problem::{Fit, Problem, Tangent};
+use super::propose::{Proposal, propose};
+use super::whitening::dot;
+use crate::effects::Effect;
+
+/// A fitted addition.
+#[derive(Debug, Clone)]
+pub(super) struct Attempt {
+    pub(super) name: &'static str,
+    pub(super) fit: Fit,
+    pub(super) lambda: f64,
+    pub(super) score: f64,
+}
+
+/// An effect that was taken.
+#[derive(Debug, Clone)]
+pub(super) struct Taken {
+    pub(super) name: &'static str,
+    pub(super) evidence: Evidence,
+    pub(super) rivals: Vec<(&'static str, f64, f64)>,
+}
+
+/// How the search ended.
+#[derive(Debug, Clone)]
+pub(super) struct Selection {
+    pub(super) fit: Fit,
+    pub(super) taken: Vec<Taken>,
+    /// Candidates of the first round.
+    pub(super) ranking: Vec<Candidate>,
+    /// The best addition that was refused in the last round, with the reason.
+    pub(super) refused: Option<(&'static str, f64, String)>,
+}
+
+impl Selection {
+    /// Nothing was looked for.
+    pub(super) fn nothing(base: &Fit) -> Self {
+        Self { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None }
+    }
+}
+
+/// What a search works with.
+pub(super) struct Search<'a> {
+    pub(super) problem: &'a Problem,
+    pub(super) candidates: &'a [&'static dyn Effect],
+    pub(super) guards: Guards,
+    pub(super) desk: Desk,
+}
+
+/// (χ² − dof)/√(2·dof).
+pub(super) fn excess_z(chi2: f64, dof: f64) -> f64 {
+    (chi2 - dof) / (2.0 * dof).sqrt()
+}
+
+impl Search<'_> {
+    pub(super) fn degrees_of_freedom(&self, fit: &Fit) -> f64 {
+        self.problem.training_rows() as f64 - fit.x.len() as f64
+    }
+
+    /// Adds and prunes, from the base's fit.
+    pub(super) fn run(&mut self, base: &Fit) -> Selection {
+        let mut selection = Selection { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None };
+        while selection.taken.len() < MOST_EFFECTS {
+            let (attempts, ranking) = self.attempts(&selection.fit, None);
+            let first = selection.taken.is_empty();
+            let mut ranking = ranking;
+            selection.refused = None;
+            let mut accepted = None;
+            for attempt in &attempts {
+                match self.accept(&selection.fit, attempt) {
+                    Ok(evidence) => {
+                        accepted = Some((attempt.clone(), evidence));
+                        break;
+                    }
+                    Err(reason) => {
+                        if attempt.score >= LEAST_SCORE && selection.refused.is_none() {
+                            selection.refused = Some((attempt.name, attempt.score, reason.clone()));
+                        }
+                        note(&mut ranking, attempt.name, reason);
+                    }
+                }
+            }
+            if first {
+                selection.ranking = ranking;
+            }
+            let Some((attempt, evidence)) = accepted else { break };
+            // What fits clearly better but may not be named leaves nothing to be named with confidence.
+            if selection.refused.as_ref().is_some_and(|r| r.1 > attempt.score + NAMING_LEAD) {
+                break;
+            }
+            selection.refused = None;
+            selection.fit = attempt.fit;
+            selection.taken.push(Taken { name: attempt.name, evidence, rivals: Vec::new() });
+        }
+        self.prune(base, &mut selection);
+        self.find_rivals(&mut selection);
+        selection
+    }
+
+    /// Fits of the promising candidates on top of a fit, best score first; `instead` leaves that member's own effect out.
+    fn attempts(&mut self, fit: &Fit, instead: Option<&'static str>) -> (Vec<Attempt>, Vec<Candidate>) {
+        let tangent = if self.guards.tangent_projection { fit.tangent() } else { Tangent::default() };
+        let mut proposals: Vec<Vec<Proposal>> = Vec::new();
+        for effect in self.candidates {
+            let name = effect.card().name;
+            if instead == Some(name) || fit.structure.members.iter().any(|m| m.name() == name) {
+                continue;
+            }
+            let of = propose(self.problem, fit, &tangent, *effect, &mut self.desk);
+            if !of.is_empty() {
+                proposals.push(of);
+            }
+        }
+        proposals.sort_by(|a, b| b[0].lagrange.total_cmp(&a[0].lagrange));
+        let best = proposals.first().map_or(0.0, |p| p[0].lagrange);
+        let mut attempts = Vec::new();
+        let mut ranking = Vec::new();
+        for (rank, of) in proposals.iter().enumerate() {
+            let lagrange = of[0].lagrange;
+            let keep = rank < ALWAYS_FITTED || (lagrange > LEAST_LAGRANGE && (rank < MOST_FITTED || lagrange > NEAR_BEST * best));
+            let attempt = (keep && lagrange > 0.0).then(|| self.attempt(fit, of));
+            ranking.push(Candidate {
+                name: of[0].member.name(),
+                lagrange,
+                lambda: attempt.as_ref().map(|a| a.lambda),
+                score: attempt.as_ref().map(|a| a.score),
+                refused_because: if keep { String::new() } else { "Lagrange score too low to fit it".to_owned() },
+            });
+            attempts.extend(attempt);
+        }
+        attempts.sort_by(|a, b| b.score.total_cmp(&a.score));
+        ranking.sort_by(|a, b| {
+            b.score.unwrap_or(f64::NEG_INFINITY).total_cmp(&a.score.unwrap_or(f64::NEG_INFINITY)).then(b.lagrange.total_cmp(&a.lagrange))
+        });
+        (attempts, ranking)
+    }
+
+    /// The best fit of one candidate over its two most promising starts.
+    fn attempt(&mut self, fit: &Fit, proposals: &[Proposal]) -> Attempt {
+        let mut best: Option<Fit> = None;
+        for proposal in proposals.iter().take(2) {
+            let structure = fit.structure.with(proposal.member.clone());
+            let axes = structure.axes(&self.problem.base.erm);
+            let mut x = fit.x.clone();
+            x.extend(proposal.member.encode());
+            x.iter_mut().zip(&axes).for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+            let found = self.problem.fit_from(&structure, x, axes, &mut self.desk);
+            if best.as_ref().is_none_or(|b| found.chi2 < b.chi2) {
+                best = Some(found);
+            }
+        }
+        let best = best.unwrap_or_else(|| fit.clone());
+        let lambda = fit.chi2 - best.chi2;
+        let choices = proposals[0].choices;
+        let score = lambda - self.penalty(proposals[0].member.free(), choices);
+        Attempt { name: proposals[0].member.name(), fit: best, lambda, score }
+    }
+
+    /// What parameters and choices cost: k·ln N, and twice the logarithm of the number of choices.
+    fn penalty(&self, free: usize, choices: usize) -> f64 {
+        free as f64 * (self.problem.training_rows() as f64).ln() + 2.0 * (choices as f64).ln()
+    }
+
+    /// Everything that must speak for an addition; the reason where something does not.
+    fn accept(&mut self, before: &Fit, attempt: &Attempt) -> Result<Evidence, String> {
+        let dof = self.degrees_of_freedom(before);
+        let (excess, left) = (before.chi2 - dof, excess_z(attempt.fit.chi2, self.degrees_of_freedom(&attempt.fit)));
+        let share = if excess > 0.0 { (attempt.lambda / excess).min(1.0) } else { 1.0 };
+        if attempt.score < LEAST_SCORE {
+            return Err(format!("penalised gain {:.1}: expected at least {LEAST_SCORE}", attempt.score));
+        }
+        if self.guards.material_share && share < MATERIAL_SHARE && left >= GOOD_FIT_Z {
+            return Err(format!("removes {:.0} % of the excess: expected at least {:.0} %", 100.0 * share, 100.0 * MATERIAL_SHARE));
+        }
+        let member = attempt.fit.structure.members.len() - 1;
+        if self.guards.bound && attempt.fit.member_at_bound(member, self.problem.branches()) {
+            return Err("a parameter lies at its bound".to_owned());
+        }
+        let first = attempt.fit.structure.first(member, self.problem.branches());
+        let n = attempt.fit.x.len();
+        let deviates = attempt.fit.covariance().map(|c| attempt.fit.x[first].abs() / c[first * n + first].sqrt());
+        if deviates.is_none_or(|d| d < LEAST_DEVIATES) {
+            return Err("its interval does not leave zero out".to_owned());
+        }
+        let held_out_change = self.held_out(before, &attempt.fit)?;
+        let integration_error = self.integration_error(&attempt.fit);
+        if self.guards.integration && integration_error > INTEGRATION_PART {
+            return Err(format!("integration is wrong by {integration_error:.2} of the floor: expected at most {INTEGRATION_PART}"));
+        }
+        Ok(Evidence { lambda: attempt.lambda, score: attempt.score, share_of_excess: share, held_out_change, integration_error })
+    }
+
+    /// Change of the held-out χ²; an error where one run becomes worse.
+    fn held_out(&mut self, before: &Fit, after: &Fit) -> Result<f64, String> {
+        let mut change = 0.0;
+        for k in self.problem.of_role(Role::HeldOut) {
+            let old = self.problem.block_chi2((&before.structure, &before.x), k, &mut self.desk);
+            let new = self.problem.block_chi2((&after.structure, &after.x), k, &mut self.desk);
+            if self.guards.held_out && new > old * (1.0 + HELD_OUT_PART) + HELD_OUT_SUM {
+                return Err(format!("held-out run {} becomes worse: χ² from {old:.0} to {new:.0}", self.problem.blocks[k].name));
+            }
+            change += new - old;
+        }
+        Ok(change)
+    }
+
+    /// Largest change of any row by halving all steps, as a part of its noise.
+    fn integration_error(&mut self, fit: &Fit) -> f64 {
+        let at = (&fit.structure, fit.x.as_slice());
+        let mut worst: f64 = 0.0;
+        for k in 0..self.problem.blocks.len() {
+            let once = self.problem.predict(at, k, 1, &mut self.desk);
+            let halves = self.problem.predict(at, k, 2, &mut self.desk);
+            let floor = &self.problem.floors[k];
+            worst = once.iter().zip(&halves).zip(floor).fold(worst, |w, ((a, b), f)| w.max((a - b).abs() / f));
+        }
+        worst
+    }
+
+    /// Takes back effects that later ones have made needless.
+    fn prune(&mut self, base: &Fit, selection: &mut Selection) {
+        let mut k = 0;
+        while selection.taken.len() > 1 && k < selection.taken.len() {
+            let without = self.refit_without(base, &selection.fit, k);
+            let member = &selection.fit.structure.members[k];
+            let cost = without.chi2 - selection.fit.chi2 - self.penalty(member.free(), 1);
+            if cost < 0.0 {
+                selection.fit = without;
+                selection.taken.remove(k);
+            } else {
+                k += 1;
+            }
+        }
+    }
+
+    /// The fit with one member less, from the better of two starts: where it stands, and the base.
+    fn refit_without(&mut self, base: &Fit, fit: &Fit, member: usize) -> Fit {
+        let branches = self.problem.branches();
+        let structure = fit.structure.without(member);
+        let axes = structure.axes(&self.problem.base.erm);
+        let first = fit.structure.first(member, branches);
+        let mut x = fit.x.clone();
+        x.drain(first..first + fit.structure.members[member].free());
+        let mut y = base.x[..1 + 2 * branches].to_vec();
+        y.extend_from_slice(&x[1 + 2 * branches..]);
+        let stay = self.problem.fit_from(&structure, x, axes.clone(), &mut self.desk);
+        let fresh = self.problem.fit_from(&structure, y, axes, &mut self.desk);
+        if stay.chi2 <= fresh.chi2 { stay } else { fresh }
+    }
+
+    /// For every effect taken, those that would do as well in its place.
+    fn find_rivals(&mut self, selection: &mut Selection) {
+        let names: Vec<&'static str> = selection.taken.iter().map(|t| t.name).collect();
+        let start = selection.fit.clone();
+        for (k, name) in names.iter().enumerate() {
+            let without = self.refit_without(&start, &selection.fit, k);
+            let member = &selection.fit.structure.members[k];
+            let (attempts, _) = self.attempts(&without, Some(name));
+            let choices = 1;
+            let own = without.chi2 - selection.fit.chi2 - self.penalty(member.free(), choices);
+            for other in attempts {
+                let gap = other.score - own;
+                if gap < -NAMING_LEAD || names.contains(&other.name) {
+                    continue;
+                }
+                let index = other.fit.structure.members.len() - 1;
+                if self.guards.bound && other.fit.member_at_bound(index, self.problem.branches()) {
+                    continue;
+                }
+                let distinct = self.discriminability(&selection.fit, &without, &other.fit);
+                selection.taken[k].rivals.push((other.name, gap, distinct));
+            }
+        }
+    }
+
+    /// r: part of what the named effect adds that the other cannot imitate, to first order around its fit.
+    fn discriminability(&self, named: &Fit, without: &Fit, other: &Fit) -> f64 {
+        let difference = |a: &Fit, b: &Fit| b.residuals.iter().zip(&a.residuals).map(|(b, a)| b - a).collect::<Vec<f64>>();
+        let mut apart = difference(named, other);
+        other.tangent().project(&mut apart);
+        let whole = difference(named, without);
+        (dot(&apart, &apart) / dot(&whole, &whole).max(1e-12)).min(1.0)
+    }
+}
+
+fn note(ranking: &mut [Candidate], name: &str, reason: String) {
+    if let Some(c) = ranking.iter_mut().find(|c| c.name == name) {
+        c.refused_because = reason;
+    }
+}

@@ -1,0 +1,168 @@
+//! A model structure: the base's parameters and those of the effects added, as one vector for the search.
+//!
+//! Order: ln R, ln R₁, ln τ₁, ln R₂, …; then per effect its strength in units of its typical size and its shapes' logarithms. Choices are no part of the
+//! vector: another choice is another structure.
+
+use crate::augmented::Added;
+use crate::effects::{Base, Effect, Parameter, Range, Scale};
+use crate::model::{Erm, RcBranch};
+
+/// How far a base resistance may go from its start, as a factor.
+const RESISTANCE_REACH: f64 = 300.0;
+/// The same for a time constant.
+const TIME_REACH: f64 = 30.0;
+/// Relative distance to a bound, of the width or the value, that counts as being there.
+const AT_BOUND: f64 = 1e-3;
+
+/// One effect of a structure.
+#[derive(Clone)]
+pub(super) struct Member {
+    pub(super) effect: &'static dyn Effect,
+    pub(super) parameters: Vec<Parameter>,
+    /// Values of the choices, by the index of the parameter; other entries are not read.
+    pub(super) choice: Vec<f64>,
+    /// Values to start from, in physical units.
+    pub(super) start: Vec<f64>,
+}
+
+impl std::fmt::Debug for Member {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Member").field("effect", &self.effect.card().name).field("start", &self.start).finish_non_exhaustive()
+    }
+}
+
+impl Member {
+    pub(super) fn name(&self) -> &'static str {
+        self.effect.card().name
+    }
+
+    /// Coordinates of its starts.
+    pub(super) fn encode(&self) -> Vec<f64> {
+        let coordinate = |p: &Parameter, v: f64| match p.scale {
+            Scale::Linear => Some(v / p.typical),
+            Scale::Log => Some(v.max(1e-300).ln()),
+            Scale::Choice => None,
+        };
+        self.parameters.iter().zip(&self.start).filter_map(|(p, v)| coordinate(p, *v)).collect()
+    }
+
+    /// Parameters that are searched.
+    pub(super) fn free(&self) -> usize {
+        self.parameters.iter().filter(|p| p.scale != Scale::Choice).count()
+    }
+}
+
+/// The base with effects.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Structure {
+    pub(super) members: Vec<Member>,
+}
+
+/// Where in the search a vector entry comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Axis {
+    pub(super) lower: f64,
+    pub(super) upper: f64,
+    /// Step of finite differences.
+    pub(super) step: f64,
+}
+
+impl Structure {
+    pub(super) fn with(&self, member: Member) -> Self {
+        let mut members = self.members.clone();
+        members.push(member);
+        Self { members }
+    }
+
+    pub(super) fn without(&self, index: usize) -> Self {
+        let mut members = self.members.clone();
+        members.remove(index);
+        Self { members }
+    }
+
+    /// The axes of the vector, the base's first; its bounds lie around `start`.
+    pub(super) fn axes(&self, start: &Erm) -> Vec<Axis> {
+        let around = |value: f64, reach: f64| Axis { lower: value - reach.ln(), upper: value + reach.ln(), step: 1e-4 };
+        let mut axes: Vec<Axis> = encode_erm(start)
+            .iter()
+            .enumerate()
+            .map(|(k, x)| around(*x, if k > 0 && k % 2 == 0 { TIME_REACH } else { RESISTANCE_REACH }))
+            .collect();
+        for p in self.members.iter().flat_map(|m| &m.parameters) {
+            let Range { lower, upper } = p.range;
+            match p.scale {
+                Scale::Linear => axes.push(Axis { lower: lower / p.typical, upper: upper / p.typical, step: 1e-3 }),
+                Scale::Log => axes.push(Axis { lower: lower.ln(), upper: upper.ln(), step: 1e-3 }),
+                Scale::Choice => {}
+            }
+        }
+        axes
+    }
+
+    /// The vector of a base and the members' starts.
+    pub(super) fn encode(&self, erm: &Erm) -> Vec<f64> {
+        let mut x = encode_erm(erm);
+        self.members.iter().for_each(|m| x.extend(m.encode()));
+        x
+    }
+
+    /// Base and effect values of a vector.
+    pub(super) fn decode(&self, x: &[f64], branches: usize) -> (Erm, Vec<Vec<f64>>) {
+        let erm = decode_erm(&x[..1 + 2 * branches]);
+        let mut rest = x[1 + 2 * branches..].iter();
+        let values = self
+            .members
+            .iter()
+            .map(|m| {
+                m.parameters
+                    .iter()
+                    .enumerate()
+                    .map(|(k, p)| match p.scale {
+                        Scale::Linear => rest.next().copied().unwrap_or(0.0) * p.typical,
+                        Scale::Log => rest.next().copied().unwrap_or(0.0).exp(),
+                        Scale::Choice => m.choice[k],
+                    })
+                    .collect()
+            })
+            .collect();
+        (erm, values)
+    }
+
+    /// Index in the vector of the first parameter of a member.
+    pub(super) fn first(&self, member: usize, branches: usize) -> usize {
+        1 + 2 * branches + self.members[..member].iter().map(Member::free).sum::<usize>()
+    }
+
+    /// The effects with their values.
+    pub(super) fn added<'a>(&'a self, values: &'a [Vec<f64>]) -> Vec<Added<'a>> {
+        self.members.iter().zip(values).map(|(m, p)| Added { effect: m.effect, p }).collect()
+    }
+}
+
+/// True where a value of an axis lies at one of its bounds; a lower bound of zero of a strength is absence and counts as well.
+pub(super) fn at_bound(x: f64, axis: &Axis) -> bool {
+    let near = AT_BOUND * (axis.upper - axis.lower);
+    x - axis.lower <= near || axis.upper - x <= near
+}
+
+fn encode_erm(erm: &Erm) -> Vec<f64> {
+    std::iter::once(erm.r_ohm.ln()).chain(erm.branches.iter().flat_map(|b| [b.r_ohm.ln(), b.time_constant_s().ln()])).collect()
+}
+
+fn decode_erm(x: &[f64]) -> Erm {
+    let branches = x[1..].chunks_exact(2).map(|b| RcBranch { r_ohm: b[0].exp(), c_f: (b[1] - b[0]).exp() }).collect();
+    Erm { r_ohm: x[0].exp(), branches }
+}
+
+/// All combinations of starts of the shapes and choices of an effect, the strength left at zero.
+pub(super) fn variants(effect: &'static dyn Effect, base: &Base) -> Vec<Member> {
+    let parameters = effect.parameters(base);
+    if parameters.is_empty() {
+        return Vec::new();
+    }
+    let mut starts = vec![vec![0.0]];
+    for p in &parameters[1..] {
+        starts = starts.iter().flat_map(|s| p.starts.iter().map(move |v| s.iter().copied().chain([*v]).collect())).collect();
+    }
+    starts.into_iter().map(|start| Member { effect, parameters: parameters.clone(), choice: start.clone(), start }).collect()
+}
