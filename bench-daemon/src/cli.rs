@@ -81,6 +81,8 @@ enum Command {
     Joint(command::joint::JointArgs),
     /// State of power: the most power that can be held, over duration and state of charge.
     Sop(command::sop::SopArgs),
+    /// Blind study of the diagnosis: effects hidden by the simulation, diagnosed without labels, scored.
+    Study(command::study::StudyArgs),
 }
 
 /// Arguments of `run`.
@@ -190,6 +192,7 @@ pub fn main() -> ExitCode {
         Command::Simulate(args) => command::simulate::simulate(&args),
         Command::Joint(args) => command::joint::joint(&args),
         Command::Sop(args) => command::sop::sop(&args),
+        Command::Study(args) => command::study::study(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -20,4 +20,5 @@ pub mod procedure;
 pub mod progress;
 pub mod record;
 pub mod sim;
+pub mod study;
 pub mod terminal;

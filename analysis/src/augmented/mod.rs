@@ -32,8 +32,14 @@ pub fn network(base: &Base, added: &[Added<'_>]) -> Network {
     network
 }
 
-/// What a spectrum's point shows: the network's impedance (or `control_ohm` where a control is in the jig) through all effects, Ω.
+/// What a spectrum's point shows: the cell's impedance (or `control_ohm` where a control is in the jig) through all effects, Ω.
 pub fn impedance(network: &Network, base: &Base, added: &[Added<'_>], at: &Point, control_ohm: Option<Complex64>) -> Complex64 {
-    let z = control_ohm.unwrap_or_else(|| network.impedance(at.freq_hz));
+    let z = control_ohm.unwrap_or_else(|| network.impedance(at.freq_hz) + storage_ohm(base, at));
     added.iter().fold(z, |z, a| a.effect.impedance(a.p, base, at, z))
+}
+
+/// The impedance of the charge that the sinusoid moves along the OCV curve, Ω: (dU/dz)/(jω·Q). A record shows the same as its slope over charge.
+pub fn storage_ohm(base: &Base, at: &Point) -> Complex64 {
+    let per_coulomb = base.ocv.slope_v(at.soc) / (3600.0 * base.ocv.capacity_ah);
+    Complex64::new(0.0, -per_coulomb / (std::f64::consts::TAU * at.freq_hz))
 }

@@ -166,11 +166,13 @@ impl Player {
                 if part > 0 {
                     at = self.instant(run, dynamics, (time_s, soc, from), &mut ocv);
                 }
-                // The dynamics see the mean current of the step, half before the branches move and half after.
+                // The dynamics see the mean current of the step, half before the branches move and half after; resistances are those of its middle.
                 at.current_a = 0.5 * (from + to);
                 dynamics.iter_mut().for_each(|d| d.advance(&at, 0.5 * part_s));
-                self.move_branches(run, modulation(dynamics, &at), (from, to), (*d as usize, part_s));
-                soc -= at.current_a * part_s / capacity_c;
+                let moved = at.current_a * part_s / capacity_c;
+                let middle = Instant { time_s: time_s + 0.5 * part_s, soc: soc - 0.5 * moved, ..at };
+                self.move_branches(run, modulation(dynamics, &middle), (from, to), (*d as usize, part_s));
+                soc -= moved;
                 time_s += part_s;
                 let mut after = self.instant(run, dynamics, (time_s, soc, to), &mut ocv);
                 after.current_a = 0.5 * (from + to);

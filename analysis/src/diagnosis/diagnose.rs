@@ -238,7 +238,7 @@ fn samples(problem: &Problem, (structure, x): (&Structure, &[f64]), block: usize
     desk.voltage_v.clone()
 }
 
-fn gaps(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mut Desk) -> Vec<Gap> {
+pub(super) fn gaps(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mut Desk) -> Vec<Gap> {
     let problem = &prepared.problem;
     let empty = Structure::default();
     let start = empty.encode(erm);

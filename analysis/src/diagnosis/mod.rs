@@ -14,6 +14,7 @@ mod propose;
 mod select;
 mod structure;
 mod whitening;
+pub mod yardstick;
 
 pub use block::DataSetError;
 pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};

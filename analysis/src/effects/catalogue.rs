@@ -1,17 +1,33 @@
 //! The catalogue: one line per effect.
 
 use super::Effect;
+use super::{ageing, butler_volmer, butler_volmer_asymmetric, cpe, current_asymmetry, diffusion, electrolyte_depletion, entropic_heat};
 use super::{
     channel_bandwidth, clock_error, contact_resistance, current_gain, current_offset, current_smoothing, inductance, inductance_lossy,
     insufficient_rest, shunt_heating, thermal_emf, time_skew, voltage_gain,
 };
-use super::{rc_slow, self_heating};
+use super::{hysteresis, ocv_curvature, ocv_slope, rc_slow, self_discharge, self_heating, soc_resistance, surface_soc, warburg};
 
 static CATALOGUE: &[&dyn Effect] = &[
-    // The cell.
+    // Cell.
     &rc_slow::RcSlow,
+    &diffusion::Diffusion,
+    &warburg::Warburg,
+    &cpe::Cpe,
+    &butler_volmer::ButlerVolmer,
+    &butler_volmer_asymmetric::ButlerVolmerAsymmetric,
     &self_heating::SelfHeating,
-    // The bench.
+    &entropic_heat::EntropicHeat,
+    &ocv_slope::OcvSlope,
+    &ocv_curvature::OcvCurvature,
+    &hysteresis::Hysteresis,
+    &soc_resistance::SocResistance,
+    &current_asymmetry::CurrentAsymmetry,
+    &electrolyte_depletion::ElectrolyteDepletion,
+    &surface_soc::SurfaceSoc,
+    &self_discharge::SelfDischarge,
+    &ageing::Ageing,
+    // Bench.
     &inductance::Inductance,
     &inductance_lossy::InductanceLossy,
     &time_skew::TimeSkew,

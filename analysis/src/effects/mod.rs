@@ -5,28 +5,41 @@
 //! [`Effect`]: on the linear network, on a spectrum's point, on what the current channel says, on the cell while time passes, on what the voltage channel
 //! says. [`crate::augmented`] plays any set of them together. What is not here: the search for the effect ([`crate::diagnosis`]).
 
+mod ageing;
+mod butler_volmer;
+mod butler_volmer_asymmetric;
 mod catalogue;
-mod quantity;
-mod situation;
-
-// The cell.
-mod rc_slow;
-mod self_heating;
-
-// The bench.
 mod channel_bandwidth;
+mod charge_transfer;
 mod clock_error;
 mod contact_resistance;
+mod cpe;
+mod current_asymmetry;
 mod current_gain;
 mod current_offset;
 mod current_smoothing;
+mod diffusion;
+mod electrolyte_depletion;
+mod entropic_heat;
+mod hysteresis;
 mod inductance;
 mod inductance_lossy;
 mod insufficient_rest;
+mod ladder;
+mod ocv_curvature;
+mod ocv_slope;
+mod quantity;
+mod rc_slow;
+mod self_discharge;
+mod self_heating;
 mod shunt_heating;
+mod situation;
+mod soc_resistance;
+mod surface_soc;
 mod thermal_emf;
 mod time_skew;
 mod voltage_gain;
+mod warburg;
 
 pub use catalogue::{catalogue, find};
 pub use quantity::{Parameter, Range, Scale};

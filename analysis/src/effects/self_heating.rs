@@ -8,10 +8,10 @@ static CARD: Card = Card {
     group: Group::Cell,
     mechanism: "The current's heat warms the cell above its surroundings; ions and charge transfer follow Arrhenius, so that all resistances fall.",
     state_equation: "C·dΔT/dt = i·η − ΔT/R_th, R = R_ref·exp(−κ·ΔT); with x = κ·ΔT: dx/dt = g·i·η − x/τ; g = κ/C in 1/J, τ = R_th·C in s",
-    impedance: "R of a sweep at another temperature: exp(−κ(T − T_ref)), which has no part in g",
+    impedance: "none: at another temperature R·exp(−κ(T − T_ref)), but g = κ/C does not give κ alone, so that the start temperature of a run is left out",
     source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, without the reversible term; Arrhenius linearised in the exponent",
     signature: "resistance falls with the heat received, the same for both signs, lasts for minutes",
-    confounders: &["soc_resistance", "butler_volmer", "shunt_heating"],
+    confounders: &["soc_resistance", "butler_volmer", "shunt_heating", "entropic_heat", "ageing"],
     experiment: "bursts of ±100 A without net charge; a thermocouple",
 };
 
@@ -28,7 +28,7 @@ impl Effect for SelfHeating {
         if base.facts.longest_s <= 0.0 {
             return Vec::new();
         }
-        // κ up to 0.08 /K over the heat capacity of a cell, which grows with its charge: about 16 J/K per Ah.
+        // κ up to 0.08 /K over a heat capacity of at least 10 J/K per Ah (a P45B cell has 14.8).
         let upper = 0.08 / (10.0 * base.ocv.capacity_ah);
         vec![
             Parameter::strength("g_per_j", "1/J", Range { lower: 0.0, upper }, 0.05 * upper),

@@ -1,7 +1,8 @@
 //! What an effect is told of model, data and moment.
 
-use crate::model::Erm;
+use crate::model::{Erm, RcBranch};
 use crate::ocv::OcvCurve;
+use num_complex::Complex64;
 
 /// The base model and what bounds are derived from.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,6 +38,18 @@ pub struct Facts {
     pub orders: f64,
     /// Span of the runs' start times, s.
     pub span_s: f64,
+}
+
+impl Facts {
+    /// Longest time that anything in the data lasts, s: a record or a period.
+    pub(super) fn slowest_s(&self) -> f64 {
+        self.longest_s.max(self.lowest_hz.map_or(0.0, |f| 1.0 / f))
+    }
+
+    /// Shortest time that the data resolve, s: a sample or a tenth of a period, about 1/ω.
+    pub(super) fn fastest_s(&self) -> f64 {
+        self.shortest_s.min(self.highest_hz.map_or(f64::INFINITY, |f| 0.1 / f))
+    }
 }
 
 /// One point of a spectrum and the circumstances of its run.
@@ -112,5 +125,14 @@ impl Modulation {
     /// The same factor on everything.
     pub fn all(factor: f64) -> Self {
         Self { series: factor, branches: factor }
+    }
+
+    /// What it adds to the impedance of a base, Ω.
+    pub(super) fn change_ohm(self, erm: &Erm, freq_hz: f64) -> Complex64 {
+        let series = Complex64::from((self.series - 1.0) * erm.r_ohm);
+        erm.branches.iter().fold(series, |sum, b| {
+            let scaled = RcBranch { r_ohm: b.r_ohm * self.branches, c_f: b.c_f };
+            sum + scaled.impedance(freq_hz) - b.impedance(freq_hz)
+        })
     }
 }

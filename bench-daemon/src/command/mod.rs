@@ -17,6 +17,7 @@ pub mod profile_args;
 pub mod run;
 pub mod simulate;
 pub mod sop;
+pub mod study;
 
 use crate::{bench::BenchError, config::ConfigError, executor::ExecuteError, plan::PlanError, record::RecordError, sim::SimError};
 

@@ -1,0 +1,64 @@
+//! What a study of the workflow measures it by: how much there was to find, and how well a model that knows the truth would do.
+//!
+//! Nothing here is used by a diagnosis.
+
+use super::block::{Block, DataSetError, Desk};
+use super::data::DataSet;
+use super::diagnose::{base_fit, gaps};
+use super::guards::Guards;
+use super::outcome::Gap;
+use super::prepare::{BaseModel, prepare};
+use super::propose::propose;
+use crate::effects::find;
+
+/// λ: χ² that is left in noise-free data when the base model is refitted to them, under the noise of the noisy ones. What the true structure would remove.
+///
+/// # Errors
+/// [`DataSetError`] for a set that cannot be used.
+pub fn removable_chi2(noisy: &DataSet, clean: &DataSet, model: &BaseModel) -> Result<f64, DataSetError> {
+    let mut prepared = prepare(noisy, model, Guards::default())?;
+    let problem = &mut prepared.problem;
+    let mut blocks = clean.runs.iter().map(|r| Block::new(r, &problem.base)).collect::<Result<Vec<Block>, DataSetError>>()?;
+    blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
+    // Noise moves the edges' threshold a little: only blocks whose rows agree can be whitened.
+    for (block, old) in blocks.iter().zip(&problem.blocks) {
+        if block.rows() != old.rows() {
+            return Err(DataSetError::Run {
+                run: block.name.clone(),
+                expected: "as many rows as with noise",
+                met: block.rows().to_string(),
+            });
+        }
+    }
+    problem.blocks = blocks;
+    Ok(base_fit(problem, &model.erm, &mut Desk::default()).chi2)
+}
+
+/// Gaps on the held-out records of the base with the named effects, fitted without any question whether they belong there.
+///
+/// # Errors
+/// [`DataSetError`] for a set that cannot be used or a name that is not in the catalogue.
+pub fn oracle(set: &DataSet, model: &BaseModel, names: &[&str]) -> Result<(f64, Vec<Gap>), DataSetError> {
+    let prepared = prepare(set, model, Guards::default())?;
+    let problem = &prepared.problem;
+    let mut desk = Desk::default();
+    let base = base_fit(problem, &model.erm, &mut desk);
+    let mut fit = base.clone();
+    for name in names {
+        let effect = find(name).ok_or_else(|| DataSetError::Set { name: set.name.clone(), expected: "effects of the catalogue" })?;
+        let proposals = propose(problem, &fit, &fit.tangent(), effect, &mut desk);
+        let mut best: Option<super::problem::Fit> = None;
+        for proposal in proposals.iter().take(4) {
+            let structure = fit.structure.with(proposal.member.clone());
+            let axes = structure.axes(&problem.base.erm);
+            let mut x = fit.x.clone();
+            x.extend(proposal.member.encode());
+            let found = problem.fit_from(&structure, x, axes, &mut desk);
+            if best.as_ref().is_none_or(|b| found.chi2 < b.chi2) {
+                best = Some(found);
+            }
+        }
+        fit = best.unwrap_or(fit);
+    }
+    Ok((fit.chi2, gaps(&prepared, &model.erm, (&base, &fit), &mut desk)))
+}

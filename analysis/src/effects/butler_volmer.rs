@@ -1,0 +1,53 @@
+//! Charge transfer by Butler–Volmer with a transfer coefficient of one half.
+
+use super::charge_transfer::{Kinetics, greatest_beta};
+use super::{Base, Card, Effect, Group, Parameter, Point, Range};
+use crate::augmented::{Law, Network};
+use num_complex::Complex64;
+
+static CARD: Card = Card {
+    name: "butler_volmer",
+    title: "Butler–Volmer charge transfer, symmetric",
+    group: Group::Cell,
+    mechanism: "The reaction at the surface needs an overpotential that grows with the logarithm of the current where the current is large.",
+    state_equation: "C·dv/dt = i − sinh(βv/R)/β; β = 1/(2i₀) in 1/A, expected R/(2kT/e) of its branch, R_ct = kT/(e·i₀)",
+    impedance: "Z = R/(g + jωRC); g = √(1 + β²I²) under a direct current I, 2I₁(x)/x at an amplitude of x = β|v|/R",
+    source: "Bard and Faulkner, Electrochemical Methods, 3.3 and 3.4, α = ½; closed step: Riccati equation in tanh(βv/2R)",
+    signature: "resistance falls with |i| at once, the same for both signs; a sweep of small amplitude does not see it",
+    confounders: &["self_heating", "soc_resistance", "shunt_heating", "butler_volmer_asymmetric"],
+    experiment: "pulses of several amplitudes with equal charge; sweeps under direct current",
+};
+
+/// See [`Effect::card`].
+#[derive(Debug)]
+pub(super) struct ButlerVolmer;
+
+impl Effect for ButlerVolmer {
+    fn card(&self) -> &'static Card {
+        &CARD
+    }
+
+    fn parameters(&self, base: &Base) -> Vec<Parameter> {
+        if base.erm.branches.is_empty() {
+            return Vec::new();
+        }
+        let upper = greatest_beta(base);
+        vec![
+            Parameter::strength("beta_per_a", "1/A", Range { lower: 0.0, upper }, 0.1 * upper),
+            Parameter::choice("branch", base.erm.branches.len()),
+        ]
+    }
+
+    fn network(&self, p: &[f64], _base: &Base, network: &mut Network) {
+        if let Some(branch) = network.branches.get_mut(p[1] as usize).filter(|_| p[0] > 0.0) {
+            branch.law = Law::Symmetric { beta: p[0] };
+        }
+    }
+
+    fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
+        if !at.is_cell {
+            return z_ohm;
+        }
+        z_ohm + Kinetics { beta: p[0], alpha: 0.5 }.change_ohm(base, p[1] as usize, at)
+    }
+}

@@ -1,0 +1,71 @@
+//! The open-circuit voltage follows the temperature that the current makes.
+
+use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
+
+static CARD: Card = Card {
+    name: "entropic_heat",
+    title: "entropic heat and open-circuit voltage over temperature",
+    group: Group::Cell,
+    mechanism: "The reaction's entropy gives off or takes up heat with the current's sign, and by the same dU/dT the open-circuit voltage follows the temperature.",
+    state_equation: "C·dΔT/dt = i·η − i·T·dU/dT − C·ΔT/τ, V += dU/dT·ΔT; dU/dT in V/K, C = 14.8 J/K per Ah (70 g of 950 J/(kg·K) at 4.5 Ah) and τ = 600 s fixed; what the heat does to resistances is self_heating's",
+    impedance: "none within the band",
+    source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, with the reversible term; heat capacity of a P45B cell",
+    signature: "a slow shift of the voltage with the heat received, which lasts for minutes at rest and is the same for charge and discharge",
+    confounders: &["self_heating", "thermal_emf", "ocv_curvature", "hysteresis"],
+    experiment: "bursts without net charge and a rest; open-circuit voltage at two temperatures",
+};
+
+/// Heat capacity over electric capacity, J/K per Ah: 0.070 kg · 950 J/(kg·K) / 4.5 Ah.
+const HEAT_CAPACITY_J_PER_K_AH: f64 = 0.070 * 950.0 / 4.5;
+/// Time constant of cooling, s.
+const COOLING_S: f64 = 600.0;
+
+/// See [`Effect::card`].
+#[derive(Debug)]
+pub(super) struct EntropicHeat;
+
+impl Effect for EntropicHeat {
+    fn card(&self) -> &'static Card {
+        &CARD
+    }
+
+    fn parameters(&self, base: &Base) -> Vec<Parameter> {
+        if base.facts.longest_s <= 0.0 {
+            return Vec::new();
+        }
+        vec![Parameter::strength("du_dt_v_per_k", "V/K", Range { lower: -3e-3, upper: 3e-3 }, 1e-4)]
+    }
+
+    fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
+        Some(Box::new(Warmth {
+            du_dt_v_per_k: p[0],
+            start_k: record.temperature_c + 273.15,
+            heat_capacity_j_per_k: HEAT_CAPACITY_J_PER_K_AH * base.ocv.capacity_ah,
+            rise_k: 0.0,
+        }))
+    }
+}
+
+struct Warmth {
+    du_dt_v_per_k: f64,
+    start_k: f64,
+    heat_capacity_j_per_k: f64,
+    /// ΔT.
+    rise_k: f64,
+}
+
+impl Dynamics for Warmth {
+    fn voltage_v(&self, _at: &Instant) -> f64 {
+        self.du_dt_v_per_k * self.rise_k
+    }
+
+    fn advance(&mut self, at: &Instant, step_s: f64) {
+        // C·dΔT/dt = i(η − (T₀ + ΔT)·dU/dT) − C·ΔT/τ is linear in ΔT.
+        let reversible_v = self.du_dt_v_per_k * self.start_k;
+        let heating_k_per_s = at.current_a * (at.overpotential_v - reversible_v) / self.heat_capacity_j_per_k;
+        let rate = 1.0 / COOLING_S + at.current_a * self.du_dt_v_per_k / self.heat_capacity_j_per_k;
+        let x = rate * step_s;
+        let held_s = if x.abs() > 1e-9 { -(-x).exp_m1() / rate } else { step_s };
+        self.rise_k += held_s * (heating_k_per_s - rate * self.rise_k);
+    }
+}

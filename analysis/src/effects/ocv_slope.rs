@@ -1,0 +1,50 @@
+//! The open-circuit voltage moves faster or slower with charge than stated.
+
+use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
+use crate::ocv::OcvCurve;
+
+static CARD: Card = Card {
+    name: "ocv_slope",
+    title: "slope of the open-circuit voltage (capacity error)",
+    group: Group::Cell,
+    mechanism: "The cell's capacity is not the stated one, so that the same charge moves the state of charge further or less far.",
+    state_equation: "OCV = U(z₀ + (1 + q)(z − z₀)); z₀ at the record's start, Q_true = Q/(1 + q)",
+    impedance: "none within the band: (1 + q)U'/(jω·3600Q) is far below a cell's resistance there",
+    source: "Plett, Battery Management Systems I, chapter 2: charge counted over capacity",
+    signature: "an error proportional to the charge moved, which stays at rest",
+    confounders: &["hysteresis", "current_offset", "diffusion", "warburg", "ocv_curvature"],
+    experiment: "the same charge moved in both directions; a reference capacity",
+};
+
+/// See [`Effect::card`].
+#[derive(Debug)]
+pub(super) struct OcvSlope;
+
+impl Effect for OcvSlope {
+    fn card(&self) -> &'static Card {
+        &CARD
+    }
+
+    fn parameters(&self, base: &Base) -> Vec<Parameter> {
+        if base.facts.widest_soc <= 0.0 {
+            return Vec::new();
+        }
+        vec![Parameter::strength("excess", "", Range { lower: -0.5, upper: 0.5 }, 0.02)]
+    }
+
+    fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
+        Some(Box::new(Moved { excess: p[0], start: record.soc, curve: base.ocv.clone() }))
+    }
+}
+
+struct Moved {
+    excess: f64,
+    start: f64,
+    curve: OcvCurve,
+}
+
+impl Dynamics for Moved {
+    fn voltage_v(&self, at: &Instant) -> f64 {
+        self.curve.voltage_v(at.soc + self.excess * (at.soc - self.start)) - at.ocv_v
+    }
+}

@@ -1,0 +1,204 @@
+//! One trial: hidden truth, data set, diagnosis, score.
+
+use analysis::diagnosis::{Block, DiagnosisOptions, Gap, Outcome, Verdict, diagnose, yardstick};
+use fixtures::hidden::{Case, EffectKind, Spec, Stratum};
+use serde::Serialize;
+
+use super::{convert, names::catalogue_name};
+
+/// How a trial ended, against the truth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum End {
+    /// Nothing named, the floor claimed.
+    None,
+    /// Exactly what was hidden.
+    Right,
+    /// Ambiguous, and what was hidden is among the effects that it names.
+    Twin,
+    /// What was hidden and more.
+    Extra,
+    /// A part of what was hidden, and nothing else.
+    Part,
+    /// Ambiguous without the truth.
+    Misled,
+    /// Confidently something that was not hidden.
+    Wrong,
+    /// Refused: something is there, without a name.
+    Unexplained,
+    /// Refused: the data cannot be used.
+    Invalid,
+}
+
+/// The score of one trial.
+#[derive(Debug, Clone, Serialize)]
+pub struct Score {
+    /// Where it comes from.
+    pub stratum: &'static str,
+    /// What was hidden, by the names of labels.
+    pub hidden: Vec<&'static str>,
+    /// Strength of each.
+    pub strengths: Vec<f64>,
+    /// λ of the truth; none where nothing is hidden or the files are damaged.
+    pub lambda: Option<f64>,
+    /// The end.
+    pub end: End,
+    /// Verdict.
+    pub verdict: Verdict,
+    /// Names given.
+    pub named: Vec<&'static str>,
+    /// Rivals given.
+    pub rivals: Vec<&'static str>,
+    /// (χ² − dof)/√(2·dof) of base and augmented model.
+    pub fit_z: (f64, f64),
+    /// Share of the oracle's gap that was closed on held-out records, where there was one to close.
+    pub closed: Option<f64>,
+    /// Per parameter of a rightly named effect with a known true value: name, error in σ, relative error.
+    pub parameters: Vec<ParameterScore>,
+    /// The most significant blocks of the base's residual: dimension, part, χ² against its expectation.
+    pub places: Vec<String>,
+    /// Why the best refused candidate was refused.
+    pub notes: Vec<String>,
+}
+
+/// Error of one fitted parameter.
+#[derive(Debug, Clone, Serialize)]
+pub struct ParameterScore {
+    /// Effect and parameter.
+    pub name: String,
+    /// True value.
+    pub truth: f64,
+    /// Fitted value.
+    pub value: f64,
+    /// True where the 95 % interval holds the truth.
+    pub covered: bool,
+}
+
+/// Stratum's name in tables.
+pub fn stratum_name(stratum: Stratum) -> &'static str {
+    match stratum {
+        Stratum::Null => "null",
+        Stratum::Single => "single",
+        Stratum::Pair => "pair",
+        Stratum::Triple => "triple",
+        Stratum::Outside => "outside",
+        Stratum::StrangeNoise => "strange noise",
+        Stratum::Corrupted => "corrupted",
+    }
+}
+
+/// Plays one specification.
+///
+/// # Errors
+/// A data set that cannot be used although nothing was damaged, or a model that cannot be fitted.
+pub fn play(stratum: Stratum, spec: &Spec) -> anyhow::Result<Score> {
+    let case = Case::new(spec);
+    let set = convert::data_set(&case);
+    let (outcome, closed, lambda) =
+        match convert::model(&set, &case.base).and_then(|m| Ok((diagnose(&set, &m, &DiagnosisOptions::default())?, m))) {
+            Ok((outcome, model)) => {
+                let lambda = if spec.corruption.is_none() && !spec.hidden.is_empty() { strength(spec, &case).ok() } else { None };
+                let closed = closed(&case, &set, &model, &outcome);
+                (Some(outcome), closed, lambda)
+            }
+            Err(e) if spec.corruption.is_some() => {
+                tracing::debug!("refused: {e:#}");
+                (None, None, None)
+            }
+            Err(e) => return Err(e),
+        };
+    Ok(score(stratum, &case, outcome.as_ref(), (lambda, closed)))
+}
+
+/// λ of a specification.
+///
+/// # Errors
+/// As [`yardstick::removable_chi2`].
+pub fn strength(spec: &Spec, noisy: &Case) -> anyhow::Result<f64> {
+    let clean = convert::data_set(&Case::new(&spec.without_noise()));
+    let set = convert::data_set(noisy);
+    let model = convert::model(&clean, &noisy.base)?;
+    Ok(yardstick::removable_chi2(&set, &clean, &model)?)
+}
+
+fn truth(case: &Case) -> Vec<&'static str> {
+    case.label.effects.iter().filter_map(|e| catalogue_name(e.kind)).collect()
+}
+
+fn sum_square(gaps: &[Gap], pick: fn(&Gap) -> f64) -> f64 {
+    gaps.iter().map(|g| pick(g).powi(2)).sum()
+}
+
+/// (base² − augmented²)/(base² − oracle²) over the held-out records.
+fn closed(case: &Case, set: &analysis::diagnosis::DataSet, model: &analysis::diagnosis::BaseModel, outcome: &Outcome) -> Option<f64> {
+    let names = truth(case);
+    let inside = case.label.effects.iter().all(|e| catalogue_name(e.kind).is_some());
+    if names.is_empty() || !inside {
+        return None;
+    }
+    let (_, best) = yardstick::oracle(set, model, &names).ok()?;
+    let (base, left) = (sum_square(&best, |g| g.base_mv), sum_square(&best, |g| g.augmented_mv));
+    let ours = sum_square(&outcome.diagnosis.gap, |g| g.augmented_mv);
+    (base - left > 0.02 * base).then(|| (base - ours) / (base - left))
+}
+
+fn end(verdict: Option<Verdict>, truth: &[&str], named: &[&str], rivals: &[&str]) -> End {
+    let among = |t: &&str| named.contains(t) || rivals.contains(t);
+    let only_true = named.iter().all(|n| truth.contains(n));
+    match verdict {
+        None | Some(Verdict::Invalid) => End::Invalid,
+        Some(Verdict::AtNoiseFloor) => End::None,
+        Some(Verdict::Unexplained) => End::Unexplained,
+        Some(Verdict::Explained) if only_true && named.len() == truth.len() => End::Right,
+        Some(Verdict::Explained) if only_true => End::Part,
+        Some(Verdict::Explained) if truth.iter().all(|t| named.contains(t)) && !truth.is_empty() => End::Extra,
+        Some(Verdict::Explained) => End::Wrong,
+        Some(Verdict::Ambiguous) if !truth.is_empty() && truth.iter().all(|t| among(&t)) => End::Twin,
+        Some(Verdict::Ambiguous) if truth.iter().any(|t| among(&t)) => End::Part,
+        Some(Verdict::Ambiguous) => End::Misled,
+    }
+}
+
+fn place(b: &Block) -> String {
+    format!("{}, {}: χ² {:.0} of {:.0}, mean {:.1} σ, p {:.1e}", b.dimension, b.part, b.chi2, b.expected_chi2, b.mean_z, b.p_value)
+}
+
+fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, closed): (Option<f64>, Option<f64>)) -> Score {
+    let truth = truth(case);
+    let d = outcome.map(|o| &o.diagnosis);
+    let named: Vec<&'static str> = d.map_or(Vec::new(), |d| d.effects.iter().map(|e| e.name).collect());
+    let rivals: Vec<&'static str> = d.map_or(Vec::new(), |d| d.rivals.iter().map(|r| r.name).collect());
+    Score {
+        stratum: stratum_name(stratum),
+        hidden: case.label.effects.iter().map(|e| e.kind.name()).chain(case.label.corruption.map(|c| c.name())).collect(),
+        strengths: case.label.effects.iter().map(|e| e.strength).collect(),
+        lambda,
+        end: end(d.map(|d| d.verdict), &truth, &named, &rivals),
+        verdict: d.map_or(Verdict::Invalid, |d| d.verdict),
+        named,
+        rivals,
+        fit_z: d.map_or((f64::NAN, f64::NAN), |d| (d.quality.base_z, d.quality.augmented_z)),
+        closed,
+        parameters: Vec::new(),
+        places: d.map_or(Vec::new(), |d| d.blocks.iter().take(5).map(place).collect()),
+        notes: d.map_or(Vec::new(), |d| d.notes.clone()),
+    }
+}
+
+/// The strength of a kind at which λ is about as wanted: λ grows as the square, so that a few probes do.
+///
+/// # Errors
+/// As [`strength`].
+pub fn strength_for(seed: u64, kind: EffectKind, lambda: f64) -> anyhow::Result<f64> {
+    let mut at: f64 = 0.1;
+    for _ in 0..3 {
+        let spec = Spec::single(seed, kind, at);
+        let met = strength(&spec, &Case::new(&spec))?;
+        let factor = (lambda / met.max(1e-6)).sqrt().clamp(0.02, 20.0);
+        at = (at * factor).min(3.0);
+        if (factor - 1.0).abs() < 0.1 {
+            break;
+        }
+    }
+    Ok(at)
+}
