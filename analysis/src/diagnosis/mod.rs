@@ -3,6 +3,7 @@
 mod block;
 mod data;
 mod diagnose;
+pub mod gate;
 mod guards;
 mod localise;
 mod noise;

@@ -26,7 +26,7 @@ pub enum ConfigError {
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// The field, from the top, such as `eis.amplitude`.
+        /// The field, from the top, such as `eis.amplitude`; items of a list by their number, from 1: `runs.2.file`.
         field: String,
         /// What was expected and what was found.
         reason: String,
@@ -96,11 +96,19 @@ impl Source {
         let document = DeTable::parse(&self.text).ok()?;
         let mut table = document.get_ref();
         let mut found = None;
-        for name in field.split('.') {
+        let mut names = field.split('.');
+        while let Some(name) = names.next() {
             let Some((key, value)) = table.iter().find(|(key, _)| key.get_ref().as_ref() == name) else { break };
             found = Some(key.span());
             match value.get_ref() {
                 DeValue::Table(inner) => table = inner,
+                DeValue::Array(all) => {
+                    let number = names.next().and_then(|number| number.parse::<usize>().ok());
+                    let Some(item) = number.and_then(|number| all.get(number.checked_sub(1)?)) else { break };
+                    found = Some(item.span());
+                    let DeValue::Table(inner) = item.get_ref() else { break };
+                    table = inner;
+                }
                 _ => break,
             }
         }
@@ -119,21 +127,32 @@ impl Source {
 fn descend(table: &DeTable<'_>, at: usize, path: &mut Vec<String>) {
     let inside = |span: Range<usize>| span.contains(&at);
     for (key, value) in table.iter() {
-        let nested = matches!(value.get_ref(), DeValue::Table(inner) if contains(inner, at));
-        if inside(key.span()) || inside(value.span()) || nested {
+        if inside(key.span()) || holds(value.get_ref(), value.span(), at) {
             path.push(key.get_ref().to_string());
-            if let DeValue::Table(inner) = value.get_ref() {
-                descend(inner, at, path);
+            match value.get_ref() {
+                DeValue::Table(inner) => descend(inner, at, path),
+                DeValue::Array(all) => {
+                    let Some(index) = all.iter().position(|item| holds(item.get_ref(), item.span(), at)) else { return };
+                    path.push((index + 1).to_string());
+                    if let DeValue::Table(inner) = all[index].get_ref() {
+                        descend(inner, at, path);
+                    }
+                }
+                _ => {}
             }
             return;
         }
     }
 }
 
-fn contains(table: &DeTable<'_>, at: usize) -> bool {
-    table.iter().any(|(key, value)| {
-        key.span().contains(&at) || value.span().contains(&at) || matches!(value.get_ref(), DeValue::Table(inner) if contains(inner, at))
-    })
+/// A value, or what is written below its header, is at the position.
+fn holds(value: &DeValue<'_>, span: Range<usize>, at: usize) -> bool {
+    let inner = match value {
+        DeValue::Table(inner) => inner.iter().any(|(key, value)| key.span().contains(&at) || holds(value.get_ref(), value.span(), at)),
+        DeValue::Array(all) => all.iter().any(|item| holds(item.get_ref(), item.span(), at)),
+        _ => false,
+    };
+    inner || span.contains(&at)
 }
 
 #[cfg(test)]
@@ -148,6 +167,12 @@ mod tests {
     }
     #[derive(Debug, serde::Deserialize)]
     #[serde(deny_unknown_fields)]
+    struct List {
+        #[expect(dead_code, reason = "only read by serde")]
+        runs: Vec<Eis>,
+    }
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
     struct Eis {
         #[expect(dead_code, reason = "only read by serde")]
         points: u32,
@@ -155,6 +180,18 @@ mod tests {
 
     fn source(text: &str) -> Source {
         Source { path: PathBuf::from("a.toml"), text: text.to_owned() }
+    }
+
+    #[test]
+    fn mistakes_in_lists_are_located_by_number() {
+        let text = "[[runs]]\npoints = 2\n[[runs]]\npoints = \"x\"\n";
+        let message = source(text).parse::<List>().unwrap_err().to_string();
+        assert!(message.starts_with("a.toml:4: runs.2.points: invalid type"), "{message}");
+        let message = source("[[runs]]\npoints = 2\n[[runs]]\n").parse::<List>().unwrap_err().to_string();
+        assert!(message.starts_with("a.toml:3: runs.2: missing field `points`"), "{message}");
+        let text = "[[runs]]\npoints = 2\n\n[[runs]]\npoints = 3\n";
+        assert_eq!(source(text).complain("runs.2.points", "odd").to_string(), "a.toml:5: runs.2.points: odd");
+        assert_eq!(source(text).complain("runs.2.pints", "odd").to_string(), "a.toml:4: runs.2.pints: odd");
     }
 
     #[test]

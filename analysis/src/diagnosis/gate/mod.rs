@@ -1,0 +1,173 @@
+//! May these data be used at all? Checks before any physics: damaged files, wrong units and signs, clipping, a logged current that lags, spectra that
+//! violate the Kramers–Kronig relations, runs that were exchanged, repeats that are none.
+//!
+//! A check fires only on what no effect of cell or bench can do: it compares with the base model by powers of ten, by sign and by shape, never by its
+//! goodness of fit. What all records share is an effect and passes; what one of them does alone is damage.
+
+mod clip;
+mod current;
+mod expected;
+mod lag;
+mod repeats;
+mod spectrum;
+mod structure;
+mod swapped;
+mod units;
+
+use super::data::{DataSet, Run, RunData, Sweep, TimeRecord};
+use serde::Serialize;
+use std::fmt;
+
+pub use expected::{Expected, Prediction};
+
+/// What was found wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Check {
+    /// A file that could not be read as what it should be.
+    Unreadable,
+    /// No data, too few, or lists of different lengths.
+    Empty,
+    /// Numbers that are not finite.
+    NotFinite,
+    /// Times that do not rise.
+    TimesGoBack,
+    /// Volts, amperes or ohms in thousandths or thousands.
+    Unit,
+    /// A current or an imaginary part of the wrong sign.
+    Sign,
+    /// Flat tops where the voltage must move.
+    Clipped,
+    /// The logged current follows the voltage late.
+    CurrentLags,
+    /// Not the spectrum of a linear system at rest.
+    KramersKronig,
+    /// The content belongs to another run.
+    Swapped,
+    /// A run that ends before its repeats.
+    Truncated,
+    /// A repeat that is none.
+    Repeats,
+}
+
+/// One reason why data cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Reason {
+    /// What was found.
+    pub check: Check,
+    /// The runs concerned.
+    pub runs: Vec<String>,
+    /// In words, with the numbers.
+    pub text: String,
+}
+
+impl Reason {
+    /// A run whose file could not be read; the text says why.
+    pub fn unreadable(run: &str, text: &str) -> Self {
+        Self { check: Check::Unreadable, runs: vec![run.to_owned()], text: text.to_owned() }
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.runs.join(", "), self.text)
+    }
+}
+
+/// What the gate says.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
+pub struct GateReport {
+    /// Why the data cannot be used; empty where they can.
+    pub invalid: Vec<Reason>,
+    /// What was seen and let pass.
+    pub notes: Vec<String>,
+}
+
+/// Checks a data set against what the base model expects of it.
+///
+/// A run that fails one check is not put to the next: it would fail for the same cause under another name.
+pub fn gate(set: &DataSet, expected: &Expected) -> GateReport {
+    let checks: [fn(&Inspection<'_>) -> Findings; 8] =
+        [structure::check, units::check, spectrum::check, lag::check, clip::check, swapped::check, repeats::truncated, repeats::check];
+    let mut report = GateReport::default();
+    for check in checks {
+        let bad = |name: &String| report.invalid.iter().any(|reason| reason.runs.contains(name));
+        let runs =
+            set.runs.iter().zip(&expected.runs).filter(|(run, _)| !bad(&run.name)).map(|(run, prediction)| Subject { run, prediction });
+        let found = check(&Inspection { set, expected, runs: runs.collect() });
+        report.invalid.extend(found.invalid);
+        report.notes.extend(found.notes);
+    }
+    report
+}
+
+/// What one check finds.
+#[derive(Debug, Default)]
+struct Findings {
+    invalid: Vec<Reason>,
+    notes: Vec<String>,
+}
+
+impl Findings {
+    fn add(&mut self, check: Check, run: &Run, text: String) {
+        self.invalid.push(Reason { check, runs: vec![run.name.clone()], text });
+    }
+}
+
+/// A run that has passed so far.
+#[derive(Debug, Clone, Copy)]
+struct Subject<'a> {
+    run: &'a Run,
+    prediction: &'a Prediction,
+}
+
+impl<'a> Subject<'a> {
+    /// The record with the voltage expected of it; none for a spectrum, or where nothing could be predicted.
+    fn record(&self) -> Option<(&'a TimeRecord, &'a [f64])> {
+        match (&self.run.data, self.prediction) {
+            (RunData::Time(record), Prediction::Voltage(v)) if v.len() == record.series.len() => Some((record, v)),
+            _ => None,
+        }
+    }
+
+    /// The sweep with the impedance expected of it.
+    fn sweep(&self) -> Option<(&'a Sweep, &'a [num_complex::Complex64])> {
+        match (&self.run.data, self.prediction) {
+            (RunData::Eis(sweep), Prediction::Impedance(z)) if z.len() == sweep.points.len() => Some((sweep, z)),
+            _ => None,
+        }
+    }
+}
+
+/// What a check looks at.
+struct Inspection<'a> {
+    set: &'a DataSet,
+    expected: &'a Expected,
+    /// Runs that nothing was found against yet.
+    runs: Vec<Subject<'a>>,
+}
+
+impl Inspection<'_> {
+    /// Standard deviation of one voltage sample, V: the bench's history, else the scatter of the record's own steps.
+    fn sample_noise_v(&self, record: &TimeRecord) -> f64 {
+        if let Some(h) = self.set.history {
+            return h.voltage_noise_v.hypot(h.voltage_resolution_v / 12f64.sqrt());
+        }
+        let steps: Vec<f64> = record.series.voltage_v.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+        // Half the steps of two normal numbers are below 0.954 of their standard deviation.
+        median(steps) / 0.954
+    }
+}
+
+/// The middle one, or the mean of both; zero of none.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    match values.as_slice() {
+        [] => 0.0,
+        all if all.len() % 2 == 1 => all[all.len() / 2],
+        all => 0.5 * (all[all.len() / 2 - 1] + all[all.len() / 2]),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,116 @@
+//! Repeats that end early, or that differ by far more than the bench's history lets them.
+
+use super::super::data::{BenchHistory, TimeRecord};
+use super::{Check, Findings, Inspection, Reason, Subject, median};
+
+/// A run is cut off where it lasts less than this share of a repeat and current flows in what is missing.
+const WHOLE: f64 = 0.9;
+/// Current that counts as flowing, as a share of the repeat's largest.
+const FLOWS: f64 = 0.05;
+/// Standard deviations of the history beyond which a repeat is none. Ageing over a campaign stays well below.
+const FAR_OFF: f64 = 20.0;
+/// Share of the samples that may differ by more: edges need not fall on the same instant.
+const AT_EDGES: f64 = 0.05;
+
+pub(super) fn truncated(at: &Inspection<'_>) -> Findings {
+    let mut found = Findings::default();
+    for subject in &at.runs {
+        let mut fault = None;
+        for other in repeats(at, subject) {
+            fault = match (subject.record(), other.record()) {
+                (Some((own, _)), Some((theirs, _))) => cut_record(own, theirs),
+                _ => cut_sweep(subject, other),
+            };
+            if fault.is_some() {
+                break;
+            }
+        }
+        if let Some(text) = fault {
+            found.add(Check::Truncated, subject.run, text);
+        }
+    }
+    found
+}
+
+fn repeats<'a>(at: &'a Inspection<'_>, subject: &'a Subject<'_>) -> impl Iterator<Item = &'a Subject<'a>> {
+    at.runs.iter().filter(|other| other.run.repeat_group == subject.run.repeat_group && other.run.name != subject.run.name)
+}
+
+fn cut_record(own: &TimeRecord, theirs: &TimeRecord) -> Option<String> {
+    let last = |r: &TimeRecord| r.series.time_s.last().copied().unwrap_or(0.0);
+    let (own_s, their_s) = (last(own), last(theirs));
+    let greatest_a = theirs.series.current_a.iter().fold(0.0f64, |most, i| most.max(i.abs()));
+    let missing = theirs.series.time_s.iter().zip(&theirs.series.current_a).filter(|(t, _)| **t > own_s);
+    let flows = missing.into_iter().any(|(_, i)| i.abs() > FLOWS * greatest_a);
+    (own_s < WHOLE * their_s && flows).then(|| format!("it ends after {own_s:.1} s, its repeats last {their_s:.1} s: cut off"))
+}
+
+fn cut_sweep(own: &Subject<'_>, other: &Subject<'_>) -> Option<String> {
+    let (own, theirs) = (own.sweep()?.0.points.len(), other.sweep()?.0.points.len());
+    ((own as f64) < WHOLE * theirs as f64).then(|| format!("it holds {own} points, its repeats {theirs}: cut off"))
+}
+
+pub(super) fn check(at: &Inspection<'_>) -> Findings {
+    let mut found = Findings::default();
+    let Some(history) = at.set.history else { return found };
+    let mut groups: Vec<&str> = at.runs.iter().map(|subject| subject.run.repeat_group.as_str()).collect();
+    groups.sort_unstable();
+    groups.dedup();
+    for group in groups {
+        let members: Vec<&Subject<'_>> = at.runs.iter().filter(|subject| subject.run.repeat_group == group).collect();
+        let off = members.iter().map(|subject| (*subject, off_by(subject, &members, &history))).collect::<Vec<_>>();
+        let far: Vec<String> = off.iter().filter(|(_, z)| *z > FAR_OFF).map(|(subject, _)| subject.run.name.clone()).collect();
+        if !far.is_empty() {
+            let z = off.iter().map(|(_, z)| *z).fold(0.0, f64::max);
+            let text = format!("it differs from its repeats by {z:.0} standard deviations of the bench's history");
+            found.invalid.push(Reason { check: Check::Repeats, runs: far, text });
+        }
+    }
+    found
+}
+
+/// How far a run is from the median of its group (of two: from their mean), in standard deviations of the history.
+fn off_by(subject: &Subject<'_>, members: &[&Subject<'_>], history: &BenchHistory) -> f64 {
+    if let Some((own, expected_v)) = subject.record() {
+        let like: Vec<&TimeRecord> = members.iter().filter_map(|m| m.record()).map(|(r, _)| r).filter(|r| same_times(r, own)).collect();
+        if like.len() < 2 {
+            return 0.0;
+        }
+        let squares = (0..expected_v.len()).map(|k| {
+            let middle_v = median(like.iter().map(|r| r.series.voltage_v[k]).collect());
+            let drop_v = expected_v[k] - expected_v[0];
+            let level = history.voltage_noise_v.powi(2) + history.voltage_offset_v.powi(2) + history.voltage_drift_v.powi(2);
+            let code = history.voltage_resolution_v.powi(2) / 12.0;
+            let size = (history.resistance_rel.powi(2) + history.current_gain_rel.powi(2)) * drop_v * drop_v;
+            (own.series.voltage_v[k] - middle_v).powi(2) / (level + code + size)
+        });
+        return trimmed_root(squares.collect());
+    }
+    let Some((own, _)) = subject.sweep() else { return 0.0 };
+    let same = |s: &&super::super::data::Sweep| s.points.iter().map(|p| p.freq_hz).eq(own.points.iter().map(|p| p.freq_hz));
+    let like: Vec<_> = members.iter().filter_map(|m| m.sweep()).map(|(s, _)| s).filter(same).collect();
+    if like.len() < 2 {
+        return 0.0;
+    }
+    let squares = (0..own.points.len()).map(|k| {
+        let middle = |part: fn(&num_complex::Complex64) -> f64| median(like.iter().map(|s| part(&s.points[k].z_ohm)).collect());
+        let (re, im) = (middle(|z| z.re), middle(|z| z.im));
+        let z = own.points[k].z_ohm;
+        let sigma = history.eis_noise_rel.hypot(history.resistance_rel) * re.hypot(im);
+        ((z.re - re).powi(2) + (z.im - im).powi(2)) / (sigma * sigma)
+    });
+    trimmed_root(squares.collect())
+}
+
+fn same_times(a: &TimeRecord, b: &TimeRecord) -> bool {
+    let (a, b) = (&a.series.time_s, &b.series.time_s);
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3)
+}
+
+/// Root of the mean of all but the largest; zero where the history states no noise at all.
+fn trimmed_root(mut squares: Vec<f64>) -> f64 {
+    squares.retain(|s| s.is_finite());
+    squares.sort_unstable_by(f64::total_cmp);
+    squares.truncate(((1.0 - AT_EDGES) * squares.len() as f64).ceil() as usize);
+    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+}

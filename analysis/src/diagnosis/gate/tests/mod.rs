@@ -1,0 +1,180 @@
+mod sim;
+
+use super::{Check, Expected, GateReport, gate};
+use crate::diagnosis::DataSet;
+use num_complex::Complex64;
+use sim::{Hidden, campaign, exchange, model, points, series};
+use std::f64::consts::TAU;
+
+fn look(set: &DataSet) -> GateReport {
+    gate(set, &Expected::new(set, &model()))
+}
+
+/// What is found, with the runs.
+fn found(set: &DataSet) -> Vec<(Check, String)> {
+    look(set).invalid.into_iter().map(|reason| (reason.check, reason.runs.join("+"))).collect()
+}
+
+type Damage = fn(&mut DataSet);
+
+/// Each kind of damage, by the run that has it and the check that must find it.
+const DAMAGES: &[(&str, Damage, Check, &str)] = &[
+    (
+        "no samples",
+        |s| {
+            *series(s, "pulse_1") =
+                crate::series::TimeSeries { time_s: vec![], current_a: vec![], voltage_v: vec![], ..series(s, "pulse_1").clone() }
+        },
+        Check::Empty,
+        "pulse_1",
+    ),
+    (
+        "lists of different lengths",
+        |s| {
+            series(s, "pulse_1").current_a.pop();
+        },
+        Check::Empty,
+        "pulse_1",
+    ),
+    ("no points", |s| points(s, "eis_2").clear(), Check::Empty, "eis_2"),
+    ("not a number", |s| series(s, "discharge_0").voltage_v[40] = f64::NAN, Check::NotFinite, "discharge_0"),
+    ("infinite impedance", |s| points(s, "eis_1")[3].z_ohm.im = f64::INFINITY, Check::NotFinite, "eis_1"),
+    ("time back", |s| series(s, "profile_1").time_s.iter_mut().skip(50).for_each(|t| *t -= 2.0), Check::TimesGoBack, "profile_1"),
+    ("mA", |s| series(s, "pulse_0").current_a.iter_mut().for_each(|i| *i *= 1e3), Check::Unit, "pulse_0"),
+    ("kA", |s| series(s, "discharge_0").current_a.iter_mut().for_each(|i| *i /= 1e3), Check::Unit, "discharge_0"),
+    ("mV", |s| series(s, "profile_2").voltage_v.iter_mut().for_each(|v| *v *= 1e3), Check::Unit, "profile_2"),
+    ("mΩ", |s| points(s, "eis_0").iter_mut().for_each(|p| p.z_ohm *= 1e3), Check::Unit, "eis_0"),
+    ("current's sign", |s| series(s, "discharge_1").current_a.iter_mut().for_each(|i| *i = -*i), Check::Sign, "discharge_1"),
+    ("imaginary part's sign", |s| points(s, "eis_3").iter_mut().for_each(|p| p.z_ohm.im = -p.z_ohm.im), Check::Sign, "eis_3"),
+    ("leads reversed", |s| points(s, "eis_3").iter_mut().for_each(|p| p.z_ohm.re = -p.z_ohm.re), Check::Sign, "eis_3"),
+    ("clipped below", |s| clip(s, "pulse_2", 0.4), Check::Clipped, "pulse_2"),
+    ("clipped discharge", |s| clip(s, "discharge_2", 0.4), Check::Clipped, "discharge_2"),
+    ("clipped profile", |s| clip(s, "profile_0", 0.5), Check::Clipped, "profile_0"),
+    ("one lags", |s| lag(s, "pulse_1", 1.5), Check::CurrentLags, "pulse_1"),
+    ("one lags in the long discharge", |s| lag(s, "discharge_1", 1.5), Check::CurrentLags, "discharge_1"),
+    ("one lags in the profile", |s| lag(s, "profile_1", 1.5), Check::CurrentLags, "profile_1"),
+    ("drift during the sweep", |s| drift(s, "eis_1", 0.15), Check::KramersKronig, "eis_1"),
+    ("drift the other way", |s| drift(s, "eis_2", -0.15), Check::KramersKronig, "eis_2"),
+    ("contents exchanged", |s| exchange(s, "pulse_0", "discharge_1"), Check::Swapped, "pulse_0"),
+    (
+        "voltage of another run",
+        |s| {
+            let v = series(s, "profile_0").voltage_v.clone();
+            let own = &mut series(s, "pulse_1").voltage_v;
+            let n = own.len().min(v.len());
+            own[..n].copy_from_slice(&v[..n]);
+            own.truncate(n);
+            let kept = series(s, "pulse_1");
+            kept.time_s.truncate(n);
+            kept.current_a.truncate(n);
+        },
+        Check::Swapped,
+        "pulse_1",
+    ),
+    ("shunt's sweep under the cell's name", |s| exchange(s, "eis_0", "shunt_0"), Check::Swapped, "eis_0"),
+    ("cut off", |s| truncate(s, "pulse_2", 0.4), Check::Truncated, "pulse_2"),
+    ("discharge cut off", |s| truncate(s, "discharge_2", 0.4), Check::Truncated, "discharge_2"),
+    ("sweep cut off", |s| points(s, "eis_1").truncate(10), Check::Truncated, "eis_1"),
+    ("a repeat with other resistances", |s| points(s, "eis_1").iter_mut().for_each(|p| p.z_ohm *= 1.15), Check::Repeats, "eis_1"),
+    ("a repeat at another level", |s| series(s, "pulse_1").voltage_v.iter_mut().for_each(|v| *v += 0.05), Check::Repeats, "pulse_1"),
+];
+
+fn clip(set: &mut DataSet, name: &str, share: f64) {
+    let v = &mut series(set, name).voltage_v;
+    let (low, high) = v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    v.iter_mut().for_each(|v| *v = v.max(high - share * (high - low)));
+}
+
+fn lag(set: &mut DataSet, name: &str, tau_s: f64) {
+    let s = series(set, name);
+    let mut state = s.current_a[0];
+    for k in 0..s.current_a.len() {
+        let step_s = s.time_s.get(k + 1).map_or(1.0, |t| t - s.time_s[k]);
+        state += (1.0 - (-step_s / tau_s).exp()) * (s.current_a[k] - state);
+        s.current_a[k] = state;
+    }
+}
+
+fn drift(set: &mut DataSet, name: &str, share: f64) {
+    let all = points(set, name);
+    let last = all.len() as f64 - 1.0;
+    all.iter_mut().enumerate().for_each(|(k, p)| p.z_ohm *= 1.0 + share * k as f64 / last);
+}
+
+fn truncate(set: &mut DataSet, name: &str, share: f64) {
+    let s = series(set, name);
+    let kept = (share * s.time_s.len() as f64) as usize;
+    [&mut s.time_s, &mut s.current_a, &mut s.voltage_v].into_iter().for_each(|column| column.truncate(kept));
+}
+
+#[test]
+fn damage_is_found_and_named() {
+    let clean = campaign(&Hidden::default(), 1);
+    let mut wrong = Vec::new();
+    for (what, damage, check, run) in DAMAGES {
+        let mut set = clean.clone();
+        damage(&mut set);
+        let met = found(&set);
+        if !met.iter().any(|(c, runs)| c == check && runs == run) {
+            wrong.push(format!("{what}: {met:?}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn clean_campaigns_pass() {
+    for seed in 0..12 {
+        let report = look(&campaign(&Hidden::default(), seed));
+        assert_eq!(report, GateReport::default(), "seed {seed}");
+    }
+}
+
+/// Everything a cell or a bench may really do, strong.
+#[test]
+fn hidden_effects_pass() {
+    let spectrum = |more: fn(f64, Complex64) -> Complex64| Hidden { spectrum: Some(more), ..Hidden::default() };
+    let j = Complex64::i();
+    let _ = j;
+    let cases: Vec<(&str, Hidden)> = vec![
+        ("heat", Hidden { heat: true, ..Hidden::default() }),
+        ("hysteresis", Hidden { hysteresis_v: 0.02, ..Hidden::default() }),
+        ("slow relaxation", Hidden { slow: Some((8e-3, 30.0)), ..Hidden::default() }),
+        ("Butler–Volmer", Hidden { beta: 2e-3 / (2.0 * 25.69e-3), ..Hidden::default() }),
+        ("asymmetry", Hidden { asymmetry: 0.1, ..Hidden::default() }),
+        ("ageing", Hidden { ageing: 5e-3, ..Hidden::default() }),
+        ("a lag of all records", Hidden { lag_s: 0.05, ..Hidden::default() }),
+        ("a long lag of all records", Hidden { lag_s: 1.5, ..Hidden::default() }),
+        ("inductance", spectrum(|f, z| z + Complex64::new(0.0, TAU * f * 300e-9))),
+        ("a large inductance", spectrum(|f, z| z + Complex64::new(0.0, TAU * f * 2e-6))),
+        ("lossy inductance", spectrum(|f, z| z + 300e-9 * TAU * 300.0 * Complex64::new(0.0, f / 300.0).powf(0.6))),
+        ("skew", spectrum(|f, z| z * Complex64::new(0.0, TAU * f * 50e-6).exp())),
+        ("skew the other way", spectrum(|f, z| z * Complex64::new(0.0, -TAU * f * 50e-6).exp())),
+        ("contact", spectrum(|_, z| z + 2e-3)),
+        ("gain", spectrum(|_, z| 1.1 * z)),
+        (
+            "depressed arc",
+            spectrum(|f, z| {
+                z + 3e-3 / (1.0 + Complex64::new(0.0, TAU * f * 0.06).powf(0.7)) - 3e-3 / (1.0 + Complex64::new(0.0, TAU * f * 0.06))
+            }),
+        ),
+        ("diffusion", spectrum(|f, z| z + 5e-4 / Complex64::new(0.0, TAU * f).sqrt())),
+        (
+            "finite diffusion",
+            spectrum(|f, z| {
+                let x = Complex64::new(0.0, TAU * f * 40.0).sqrt();
+                z + 8e-3 * x.tanh() / x
+            }),
+        ),
+    ];
+    let mut wrong = Vec::new();
+    for (what, hidden) in cases {
+        for seed in 0..3 {
+            let met = look(&campaign(&hidden, seed)).invalid;
+            if !met.is_empty() {
+                wrong.push(format!("{what}, seed {seed}: {met:?}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}

@@ -1,0 +1,112 @@
+//! The files of a data set's runs: what they hold, or what is wrong with them.
+
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+};
+
+use analysis::{
+    diagnosis::{Sweep, SweepPoint},
+    formats::{CurrentSign, FormatError, SeriesOptions, SeriesReadError, SourcedSpectrum, read_series, read_sourced},
+    series::{SeriesError, TimeSeries},
+    spectrum::Spectrum,
+};
+
+/// A run whose file is there but cannot be what was measured.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("run {run:?}: {text}")]
+pub struct DataSetProblem {
+    /// Name of the run.
+    pub run: String,
+    /// What is wrong with the file, with its name and the place in it.
+    pub text: String,
+}
+
+/// Why a file gave nothing.
+#[derive(Debug)]
+pub(super) enum FileError {
+    /// The user can mend it in `dataset.toml`: no such file, no known format, no direction.
+    Usage(String),
+    /// The content is damaged.
+    Damaged(String),
+}
+
+/// Reads files, each series once: a long one may serve many runs.
+#[derive(Debug, Default)]
+pub(super) struct Files {
+    series: HashMap<(PathBuf, Option<Sign>), TimeSeries>,
+}
+
+/// A hashable [`CurrentSign`]: true for discharge.
+type Sign = bool;
+
+impl Files {
+    /// The series of a file, discharge positive.
+    pub(super) fn series(&mut self, path: &Path, sign: Option<CurrentSign>) -> Result<&TimeSeries, FileError> {
+        let key = (path.to_owned(), sign.map(|sign| sign == CurrentSign::Discharge));
+        match self.series.entry(key) {
+            std::collections::hash_map::Entry::Occupied(known) => Ok(known.into_mut()),
+            std::collections::hash_map::Entry::Vacant(place) => {
+                Ok(place.insert(read_series(path, &SeriesOptions { sign }).map_err(|error| series_error(&error))?))
+            }
+        }
+    }
+}
+
+/// All spectra of a file.
+pub(super) fn spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, FileError> {
+    let spectra = read_sourced(path).map_err(|error| match error {
+        FormatError::Read { .. } | FormatError::UnknownFormat { .. } | FormatError::Header { .. } => FileError::Usage(error.to_string()),
+        FormatError::NotText { .. } | FormatError::Empty { .. } | FormatError::FieldCount { .. } | FormatError::Field { .. } => {
+            FileError::Damaged(error.to_string())
+        }
+    })?;
+    for one in &spectra {
+        one.spectrum.validate().map_err(|error| FileError::Damaged(format!("{}: {error}", path.display())))?;
+    }
+    Ok(spectra)
+}
+
+/// A spectrum as a sweep at this bias, A, discharge positive.
+pub(super) fn sweep(spectrum: &Spectrum, bias_a: f64, amplitude_a: Option<f64>) -> Sweep {
+    let points = spectrum.points.iter().map(|point| {
+        let sigma = (point.covariance.re_re.sqrt(), point.covariance.im_im.sqrt());
+        SweepPoint {
+            freq_hz: point.freq_hz,
+            z_ohm: point.z_ohm,
+            // A sigma of zero would weigh without limit: it is no statement.
+            sigma_ohm: Some(sigma).filter(|(re, im)| *re > 0.0 && *im > 0.0),
+            amplitude_a: Some(point.amplitude_a).filter(|a| a.is_finite()).or(amplitude_a),
+        }
+    });
+    Sweep { bias_a, points: points.collect() }
+}
+
+/// The part of a series between two of its times, s, with its first sample at time zero; none where fewer than two samples are in it.
+pub(super) fn window(series: &TimeSeries, from_s: f64, to_s: f64) -> Option<TimeSeries> {
+    let first = series.time_s.partition_point(|t| *t < from_s);
+    let last = series.time_s.partition_point(|t| *t <= to_s);
+    let start_s = *series.time_s.get(first).filter(|_| last >= first + 2)?;
+    let part = |all: &[f64]| all[first..last].to_vec();
+    Some(TimeSeries {
+        name: series.name.clone(),
+        time_s: series.time_s[first..last].iter().map(|t| t - start_s).collect(),
+        current_a: part(&series.current_a),
+        voltage_v: part(&series.voltage_v),
+        temperature_c: series.temperature_c.as_deref().map(part),
+    })
+}
+
+fn series_error(error: &SeriesReadError) -> FileError {
+    let text = error.to_string();
+    match error {
+        SeriesReadError::Read { .. } | SeriesReadError::Sign { .. } => FileError::Usage(text),
+        // No line at all is a file that was cut off; a line of other columns is the wrong file.
+        SeriesReadError::UnknownFormat { place, .. } if !place.is_empty() => FileError::Usage(text),
+        SeriesReadError::Text(FormatError::Read { .. }) => FileError::Usage(text),
+        SeriesReadError::Series { source: SeriesError::Sample { expected, .. }, .. } if expected.starts_with("times") => {
+            FileError::Damaged(format!("its times go back: {text}"))
+        }
+        _ => FileError::Damaged(text),
+    }
+}

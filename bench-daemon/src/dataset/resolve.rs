@@ -1,0 +1,293 @@
+//! `dataset.toml` → a data set. Every complaint names file, line, field and what was expected.
+
+use std::{ops::RangeInclusive, path::Path};
+
+use analysis::{
+    augmented::Between,
+    diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
+    formats::{CurrentSign, SourcedSpectrum},
+    series::TimeSeries,
+};
+
+use super::{
+    DataSetProblem, Loaded,
+    files::{self, FileError, Files},
+    raw,
+};
+use crate::config::{ConfigError, Source};
+
+/// A control in the jig has no state of charge; a run must hold some.
+pub(super) const CONTROL_SOC: f64 = 0.5;
+
+/// Temperatures that a cell is measured at, °C.
+const TEMPERATURES_C: RangeInclusive<f64> = -60.0..=120.0;
+
+/// Reads the file and the runs that it lists.
+///
+/// # Errors
+/// The first mistake, with file, line and field.
+pub(super) fn read(path: &Path) -> Result<Loaded, ConfigError> {
+    let source = Source::read(path)?;
+    let raw: raw::File = source.parse()?;
+    check_history(&source, raw.bench.as_ref())?;
+    let mut resolver = Resolver { source: &source, files: Files::default() };
+    let (mut listed, mut problems) = (Vec::new(), Vec::new());
+    let mut names: Vec<String> = Vec::new();
+    for (index, entry) in raw.runs.iter().enumerate() {
+        let number = index + 1;
+        let name = entry.name.clone().unwrap_or_else(|| stem(&entry.file));
+        if name.is_empty() || names.contains(&name) {
+            return Err(
+                source.complain(&format!("runs.{number}.name"), format!("expected a name of its own for every run, found {name:?}"))
+            );
+        }
+        names.push(name.clone());
+        match resolver.run(number, name, entry)? {
+            Ok(run) => listed.push((run, entry.start_s)),
+            Err(problem) => problems.push(problem),
+        }
+    }
+    if names.is_empty() {
+        return Err(source.complain("runs", "expected at least one [[runs]], found none"));
+    }
+    Ok(Loaded { set: DataSet { name: raw.name, runs: with_starts(listed), history: raw.bench }, problems, notes: Vec::new() })
+}
+
+/// Runs that state no start begin when the one before ends.
+fn with_starts(mut listed: Vec<(Run, Option<f64>)>) -> Vec<Run> {
+    let mut by_order: Vec<usize> = (0..listed.len()).collect();
+    by_order.sort_by_key(|k| listed[*k].0.order);
+    let mut free_s = 0.0;
+    for k in by_order {
+        let (run, stated_s) = &mut listed[k];
+        run.start_s = stated_s.unwrap_or(free_s);
+        free_s = run.start_s + least_duration_s(&run.data);
+    }
+    listed.into_iter().map(|(run, _)| run).collect()
+}
+
+/// A record lasts as long as its samples tell, a sweep at least a period of each of its frequencies.
+fn least_duration_s(data: &RunData) -> f64 {
+    match data {
+        RunData::Time(record) => record.series.time_s.last().copied().unwrap_or(0.0),
+        RunData::Eis(sweep) => sweep.points.iter().map(|point| 1.0 / point.freq_hz).sum(),
+    }
+}
+
+/// `pulse_1` of `data/pulse_1.bdf.csv`.
+pub(super) fn stem(file: &str) -> String {
+    let stem = Path::new(file).file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    stem.strip_suffix(".bdf").map_or(stem.clone(), str::to_owned)
+}
+
+fn check_history(source: &Source, history: Option<&BenchHistory>) -> Result<(), ConfigError> {
+    let Some(h) = history else { return Ok(()) };
+    let fields = [
+        ("voltage_noise_v", h.voltage_noise_v),
+        ("voltage_resolution_v", h.voltage_resolution_v),
+        ("voltage_offset_v", h.voltage_offset_v),
+        ("voltage_drift_v", h.voltage_drift_v),
+        ("voltage_drift_s", h.voltage_drift_s),
+        ("resistance_rel", h.resistance_rel),
+        ("current_gain_rel", h.current_gain_rel),
+        ("current_offset_a", h.current_offset_a),
+        ("current_noise_a", h.current_noise_a),
+        ("current_resolution_a", h.current_resolution_a),
+        ("eis_noise_rel", h.eis_noise_rel),
+    ];
+    match fields.iter().find(|(_, value)| !(value.is_finite() && *value >= 0.0)) {
+        Some((name, value)) => Err(source.complain(&format!("bench.{name}"), format!("expected a number of zero or more, found {value}"))),
+        None => Ok(()),
+    }
+}
+
+struct Resolver<'a> {
+    source: &'a Source,
+    files: Files,
+}
+
+/// A run, or why its file gives none.
+type Resolved = Result<Run, DataSetProblem>;
+
+impl Resolver<'_> {
+    fn run(&mut self, number: usize, name: String, entry: &raw::Run) -> Result<Resolved, ConfigError> {
+        let source = self.source;
+        let at = At { source, number };
+        let fixture = at.fixture(entry)?;
+        let start = at.start(entry)?;
+        at.fields_of_kind(entry)?;
+        let data = match entry.kind {
+            raw::Kind::Time => self.record(&at, entry)?,
+            raw::Kind::Eis => sweep(&at, entry)?,
+        };
+        let data = match data {
+            Ok(data) => data,
+            Err(text) => return Ok(Err(DataSetProblem { run: name, text })),
+        };
+        Ok(Ok(Run {
+            repeat_group: entry.repeat_group.clone().unwrap_or_else(|| name.clone()),
+            fixture,
+            role: entry.role.unwrap_or(Role::Train),
+            order: entry.order.unwrap_or(u32::try_from(number - 1).unwrap_or(u32::MAX)),
+            start_s: at.finite("start_s", entry.start_s)?.unwrap_or(0.0),
+            temperature_c: at.temperature(entry, &data)?,
+            start,
+            data,
+            name,
+        }))
+    }
+
+    fn record(&mut self, at: &At<'_>, entry: &raw::Run) -> Result<Result<RunData, String>, ConfigError> {
+        let path = self.source.relative(&entry.file);
+        let series = match self.files.series(&path, entry.current_positive.map(raw::Direction::sign)) {
+            Ok(series) => series,
+            Err(error) => return at.damaged(error),
+        };
+        let (from_s, to_s) = (at.finite("from_s", entry.from_s)?, at.finite("to_s", entry.to_s)?);
+        let part = files::window(series, from_s.unwrap_or(f64::NEG_INFINITY), to_s.unwrap_or(f64::INFINITY)).ok_or_else(|| {
+            let (first, last) = ends(series);
+            at.complain("from_s", format!("expected two samples or more from `from_s` to `to_s`; the file holds {first} s to {last} s"))
+        })?;
+        Ok(Ok(RunData::Time(TimeRecord { series: part, between: entry.current_between_samples.unwrap_or(Between::Linear) })))
+    }
+}
+
+fn ends(series: &TimeSeries) -> (f64, f64) {
+    let end = |t: Option<&f64>| t.copied().unwrap_or(f64::NAN);
+    (end(series.time_s.first()), end(series.time_s.last()))
+}
+
+fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<RunData, String>, ConfigError> {
+    let spectra = match files::spectra(&at.source.relative(&entry.file)) {
+        Ok(spectra) => spectra,
+        Err(error) => return at.damaged(error),
+    };
+    // As Origin counts: charge positive.
+    let sign = entry.current_positive.unwrap_or(raw::Direction::Charge).sign();
+    let stated_a = at.finite("bias_a", entry.bias_a)?.map(|bias| if sign == CurrentSign::Charge { bias } else { -bias });
+    let chosen = choose(&spectra, entry.spectrum.as_deref(), stated_a).ok_or_else(|| {
+        let names: Vec<&str> = spectra.iter().map(|one| one.spectrum.name.as_str()).collect();
+        let field = if entry.spectrum.is_some() || entry.bias_a.is_none() { "spectrum" } else { "bias_a" };
+        at.complain(field, format!("expected to be told one of the file's spectra: {}", names.join(", ")))
+    })?;
+    let amplitude_a = at.positive("amplitude_a", entry.amplitude_a)?;
+    let bias_a = stated_a.or(chosen.origin.bias_a).unwrap_or(0.0);
+    // −0 and 0 are one bias.
+    Ok(Ok(RunData::Eis(files::sweep(&chosen.spectrum, 0.0 - bias_a, amplitude_a))))
+}
+
+/// The spectrum of a name; else the only one; else the only one at this bias.
+fn choose<'a>(spectra: &'a [SourcedSpectrum], name: Option<&str>, bias_a: Option<f64>) -> Option<&'a SourcedSpectrum> {
+    if let Some(name) = name {
+        return spectra.iter().find(|one| one.spectrum.name == name);
+    }
+    if let [only] = spectra {
+        return Some(only);
+    }
+    let mut at_bias = spectra.iter().filter(|one| one.origin.bias_a.is_some() && one.origin.bias_a == bias_a);
+    at_bias.next().filter(|_| at_bias.next().is_none())
+}
+
+/// One `[[runs]]`, for complaints about its fields.
+struct At<'a> {
+    source: &'a Source,
+    number: usize,
+}
+
+impl At<'_> {
+    fn complain(&self, field: &str, reason: impl Into<String>) -> ConfigError {
+        self.source.complain(&format!("runs.{}.{field}", self.number), reason)
+    }
+
+    fn damaged(&self, error: FileError) -> Result<Result<RunData, String>, ConfigError> {
+        match error {
+            FileError::Usage(text) => Err(self.complain("file", text)),
+            FileError::Damaged(text) => Ok(Err(text)),
+        }
+    }
+
+    fn finite(&self, field: &str, value: Option<f64>) -> Result<Option<f64>, ConfigError> {
+        match value.filter(|value| !value.is_finite()) {
+            Some(value) => Err(self.complain(field, format!("expected a finite number, found {value}"))),
+            None => Ok(value),
+        }
+    }
+
+    fn positive(&self, field: &str, value: Option<f64>) -> Result<Option<f64>, ConfigError> {
+        match value.filter(|value| !(value.is_finite() && *value > 0.0)) {
+            Some(value) => Err(self.complain(field, format!("expected a number above zero, found {value}"))),
+            None => Ok(value),
+        }
+    }
+
+    fn fixture(&self, entry: &raw::Run) -> Result<Fixture, ConfigError> {
+        let ohm = self.positive("fixture_ohm", entry.fixture_ohm)?;
+        let known = |fixture: &str| {
+            ohm.ok_or_else(|| self.complain("fixture_ohm", format!("expected the resistance of the {fixture} in Ω, found none")))
+        };
+        if entry.fixture == raw::Fixture::Cell && ohm.is_some() {
+            return Err(self.complain("fixture_ohm", "expected none beside a cell: only shunt and fake_cell have a known resistance"));
+        }
+        if entry.fixture != raw::Fixture::Cell && entry.cell.is_some() {
+            return Err(self.complain("cell", "expected none beside a shunt or a fake_cell"));
+        }
+        Ok(match entry.fixture {
+            raw::Fixture::Cell => Fixture::Cell(entry.cell.clone().unwrap_or_else(|| "cell".to_owned())),
+            raw::Fixture::Shunt => Fixture::Shunt(known("shunt")?),
+            raw::Fixture::FakeCell => Fixture::FakeCell(known("fake_cell")?),
+        })
+    }
+
+    fn start(&self, entry: &raw::Run) -> Result<Start, ConfigError> {
+        match (entry.soc, self.positive("ocv_v", entry.ocv_v)?) {
+            (Some(_), Some(_)) => Err(self.complain("ocv_v", "expected either `soc` or `ocv_v`, found both")),
+            (Some(soc), None) if (0.0..=1.0).contains(&soc) => Ok(Start::Soc(soc)),
+            (Some(soc), None) => Err(self.complain("soc", format!("expected a state of charge from 0 to 1, found {soc}"))),
+            (None, Some(ocv_v)) => Ok(Start::Ocv(ocv_v)),
+            (None, None) if entry.fixture != raw::Fixture::Cell => Ok(Start::Soc(CONTROL_SOC)),
+            (None, None) => Err(self.complain("soc", "expected `soc` or `ocv_v`, found neither")),
+        }
+    }
+
+    fn fields_of_kind(&self, entry: &raw::Run) -> Result<(), ConfigError> {
+        let (kind, foreign): (&str, Vec<(&str, bool)>) = match entry.kind {
+            raw::Kind::Eis => (
+                "eis",
+                vec![
+                    ("from_s", entry.from_s.is_some()),
+                    ("to_s", entry.to_s.is_some()),
+                    ("current_between_samples", entry.current_between_samples.is_some()),
+                ],
+            ),
+            raw::Kind::Time => (
+                "time",
+                vec![
+                    ("bias_a", entry.bias_a.is_some()),
+                    ("amplitude_a", entry.amplitude_a.is_some()),
+                    ("spectrum", entry.spectrum.is_some()),
+                ],
+            ),
+        };
+        match foreign.iter().find(|(_, given)| *given) {
+            Some((field, _)) => Err(self.complain(field, format!("a run of kind `{kind}` has no such field"))),
+            None => Ok(()),
+        }
+    }
+
+    /// As stated, else the first of the file.
+    fn temperature(&self, entry: &raw::Run, data: &RunData) -> Result<f64, ConfigError> {
+        let measured = match data {
+            RunData::Time(record) => record.series.temperature_c.iter().flatten().copied().find(|t| t.is_finite()),
+            RunData::Eis(_) => None,
+        };
+        let temperature_c = entry
+            .temperature_c
+            .or(measured)
+            .ok_or_else(|| self.complain("temperature_c", "expected the temperature at the start in °C: the file holds none"))?;
+        if TEMPERATURES_C.contains(&temperature_c) {
+            return Ok(temperature_c);
+        }
+        let (low, high) = (TEMPERATURES_C.start(), TEMPERATURES_C.end());
+        Err(self.complain("temperature_c", format!("expected {low} °C to {high} °C, found {temperature_c}")))
+    }
+}

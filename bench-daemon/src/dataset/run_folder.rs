@@ -1,0 +1,234 @@
+//! A run folder of this program as a data set: by its index `traces.json`; without one, the sweep of the cell alone.
+//!
+//! Controls are no runs of it where they went into the correction of the cell's sweep: as read they show a harness that the cell's spectrum no longer has.
+
+use std::path::Path;
+
+use analysis::{
+    augmented::Between,
+    diagnosis::{DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
+};
+use serde::Deserialize;
+
+use super::{
+    DataSetProblem, Loaded,
+    files::{self, FileError, Files},
+    raw::Direction,
+    resolve::{CONTROL_SOC, stem},
+};
+use crate::config::ConfigError;
+
+const INDEX: &str = "traces.json";
+const MANIFEST: &str = "manifest.json";
+const SPECTRUM: &str = "spectrum.csv";
+const READINGS: &str = "readings.csv";
+/// Taken where a run was made without a thermometer, °C.
+const ROOM_C: f64 = 25.0;
+
+/// Reads a run folder.
+///
+/// # Errors
+/// [`ConfigError`] for a folder that is none, or whose files are not as this program writes them.
+pub(super) fn read(folder: &Path) -> Result<Loaded, ConfigError> {
+    let manifest: Manifest = json(&folder.join(MANIFEST), &format!("expected {} or a run folder with {MANIFEST}", super::DATASET_FILE))?;
+    let mut reader = Reader { folder, loaded: empty(manifest.experiment), files: Files::default() };
+    if !folder.join(INDEX).is_file() {
+        reader.the_sweep(&manifest.cell.name)?;
+        return Ok(reader.loaded);
+    }
+    let index: Index = json(&folder.join(INDEX), "expected the index of a run")?;
+    let first_s =
+        index.sweeps.iter().map(|s| s.start_time_s).chain(index.traces.iter().map(|t| t.start_time_s)).fold(f64::INFINITY, f64::min);
+    index.sweeps.iter().try_for_each(|sweep| reader.sweep(&index.cell, sweep, first_s))?;
+    index.traces.iter().try_for_each(|trace| reader.trace(&index.cell, trace, first_s))?;
+    Ok(reader.loaded)
+}
+
+fn empty(name: String) -> Loaded {
+    Loaded { set: DataSet { name, runs: Vec::new(), history: None }, problems: Vec::new(), notes: Vec::new() }
+}
+
+#[derive(Debug, Deserialize)]
+struct Manifest {
+    experiment: String,
+    cell: Cell,
+}
+
+#[derive(Debug, Deserialize)]
+struct Cell {
+    name: String,
+}
+
+/// What is read of `traces.json`.
+#[derive(Debug, Deserialize)]
+struct Index {
+    cell: String,
+    sweeps: Vec<SweepEntry>,
+    traces: Vec<TraceEntry>,
+}
+
+#[derive(Debug, Deserialize)]
+struct SweepEntry {
+    file: String,
+    fixture: String,
+    fixture_ohm: Option<f64>,
+    corrected: bool,
+    order: u32,
+    start_time_s: f64,
+    start_ocv_v: Option<f64>,
+    temperature_c: Option<f64>,
+    role: Role,
+    repeat_group: String,
+}
+
+#[derive(Debug, Deserialize)]
+struct TraceEntry {
+    file: String,
+    order: u32,
+    start_time_s: f64,
+    start_ocv_v: f64,
+    temperature_c: Option<f64>,
+    role: Role,
+    repeat_group: String,
+    current_positive: Direction,
+    current_between_samples: Between,
+}
+
+struct Reader<'a> {
+    folder: &'a Path,
+    loaded: Loaded,
+    files: Files,
+}
+
+impl Reader<'_> {
+    fn sweep(&mut self, cell: &str, entry: &SweepEntry, first_s: f64) -> Result<(), ConfigError> {
+        let name = stem(&entry.file);
+        let fixture = match (entry.fixture.as_str(), entry.fixture_ohm) {
+            ("cell", _) => Fixture::Cell(cell.to_owned()),
+            ("shunt", Some(ohm)) => Fixture::Shunt(ohm),
+            ("fake_cell", Some(ohm)) => Fixture::FakeCell(ohm),
+            (met, _) => {
+                return Err(self.complain(INDEX, format!("sweep {name}: expected a cell, or a control with its resistance, found {met:?}")));
+            }
+        };
+        if !entry.corrected {
+            self.note(format!("{name}: its harness was not corrected by control impedances"));
+        }
+        let start = match (&fixture, entry.start_ocv_v) {
+            (_, Some(ocv_v)) => Start::Ocv(ocv_v),
+            (Fixture::Cell(_), None) => return Err(self.complain(INDEX, format!("sweep {name}: expected `start_ocv_v`, found none"))),
+            _ => Start::Soc(CONTROL_SOC),
+        };
+        let Some(data) = self.spectrum(&entry.file, &name)? else { return Ok(()) };
+        let temperature_c = self.temperature(&name, entry.temperature_c);
+        self.loaded.set.runs.push(Run {
+            name,
+            fixture,
+            role: entry.role,
+            repeat_group: entry.repeat_group.clone(),
+            order: entry.order,
+            start_s: entry.start_time_s - first_s,
+            temperature_c,
+            start,
+            data,
+        });
+        Ok(())
+    }
+
+    fn trace(&mut self, cell: &str, entry: &TraceEntry, first_s: f64) -> Result<(), ConfigError> {
+        let name = stem(&entry.file);
+        let read = self.files.series(&self.folder.join(&entry.file), Some(entry.current_positive.sign()));
+        let part = read.map(|series| files::window(series, f64::NEG_INFINITY, f64::INFINITY));
+        let Some(Some(series)) = self.or_problem(&name, part)? else { return Ok(()) };
+        let temperature_c = self.temperature(&name, entry.temperature_c);
+        self.loaded.set.runs.push(Run {
+            name,
+            fixture: Fixture::Cell(cell.to_owned()),
+            role: entry.role,
+            repeat_group: entry.repeat_group.clone(),
+            order: entry.order,
+            start_s: entry.start_time_s - first_s,
+            temperature_c,
+            start: Start::Ocv(entry.start_ocv_v),
+            data: RunData::Time(TimeRecord { series, between: entry.current_between_samples }),
+        });
+        Ok(())
+    }
+
+    /// The one sweep of a folder without an index. What the cell rested at stands in the readings.
+    fn the_sweep(&mut self, cell: &str) -> Result<(), ConfigError> {
+        let Some(data) = self.spectrum(SPECTRUM, "spectrum")? else { return Ok(()) };
+        let (ocv_v, temperature_c) = self.readings()?;
+        let temperature_c = self.temperature("spectrum", temperature_c);
+        self.loaded.set.runs.push(Run {
+            name: "spectrum".to_owned(),
+            fixture: Fixture::Cell(cell.to_owned()),
+            role: Role::Train,
+            repeat_group: "spectrum".to_owned(),
+            order: 0,
+            start_s: 0.0,
+            temperature_c,
+            start: Start::Ocv(ocv_v),
+            data,
+        });
+        Ok(())
+    }
+
+    /// Voltage of the last reading at rest, else the mean under the last sweep; the last temperature.
+    fn readings(&self) -> Result<(f64, Option<f64>), ConfigError> {
+        let path = self.folder.join(READINGS);
+        let text = std::fs::read_to_string(&path).map_err(|error| unreadable(&path, &error.to_string()))?;
+        let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split(',').collect()).collect();
+        let number = |row: &[&str], column: usize| row.get(column).and_then(|field| field.parse::<f64>().ok());
+        let of = |phase: &'static str| move |row: &&Vec<&str>| row.get(1) == Some(&phase);
+        let rest_v = rows.iter().rev().filter(of("rest")).find_map(|row| number(row, 2));
+        let swept: Vec<f64> =
+            rows.iter().rev().skip_while(|row| !of("sine")(row)).take_while(of("sine")).filter_map(|row| number(row, 2)).collect();
+        let mean_v = (!swept.is_empty()).then(|| swept.iter().sum::<f64>() / swept.len() as f64);
+        let ocv_v =
+            rest_v.or(mean_v).ok_or_else(|| self.complain(READINGS, "expected a voltage at rest or under the sweep, found none"))?;
+        Ok((ocv_v, rows.iter().rev().find_map(|row| number(row, 4))))
+    }
+
+    fn spectrum(&mut self, file: &str, name: &str) -> Result<Option<RunData>, ConfigError> {
+        let read = files::spectra(&self.folder.join(file));
+        let spectra = self.or_problem(name, read)?;
+        Ok(spectra.and_then(|spectra| spectra.first().map(|one| RunData::Eis(files::sweep(&one.spectrum, 0.0, None)))))
+    }
+
+    fn or_problem<T>(&mut self, name: &str, read: Result<T, FileError>) -> Result<Option<T>, ConfigError> {
+        match read {
+            Ok(content) => Ok(Some(content)),
+            Err(FileError::Usage(text)) => Err(unreadable(self.folder, &text)),
+            Err(FileError::Damaged(text)) => {
+                self.loaded.problems.push(DataSetProblem { run: name.to_owned(), text });
+                Ok(None)
+            }
+        }
+    }
+
+    fn temperature(&mut self, name: &str, measured_c: Option<f64>) -> f64 {
+        measured_c.unwrap_or_else(|| {
+            self.note(format!("{name}: its temperature was not measured, {ROOM_C} °C is taken"));
+            ROOM_C
+        })
+    }
+
+    fn note(&mut self, text: String) {
+        self.loaded.notes.push(text);
+    }
+
+    fn complain(&self, file: &str, reason: impl Into<String>) -> ConfigError {
+        unreadable(&self.folder.join(file), &reason.into())
+    }
+}
+
+fn unreadable(path: &Path, reason: &str) -> ConfigError {
+    ConfigError::Unreadable { path: path.to_owned(), reason: reason.to_owned() }
+}
+
+fn json<T: serde::de::DeserializeOwned>(path: &Path, expected: &str) -> Result<T, ConfigError> {
+    let fail = |error: &dyn std::fmt::Display| unreadable(path, &format!("{expected}: {error}"));
+    let text = std::fs::read_to_string(path).map_err(|error| fail(&error))?;
+    serde_json::from_str(&text).map_err(|error| fail(&error))
+}

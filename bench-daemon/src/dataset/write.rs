@@ -1,0 +1,129 @@
+//! A data set back into a folder: `dataset.toml` and a file per run, as the reader wants them.
+
+use std::{fmt::Write, path::Path};
+
+use analysis::{
+    dataset::{self, DatasetError},
+    diagnosis::{BenchHistory, DataSet, Fixture, Run, RunData, Start, Sweep, TimeRecord},
+};
+use serde_json::{Value, json};
+
+use super::DATASET_FILE;
+
+/// Why a data set could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// The folder cannot be made.
+    #[error("{path}: cannot be made: {source}", path = path.display())]
+    Folder {
+        /// The folder.
+        path: std::path::PathBuf,
+        /// What the system says.
+        #[source]
+        source: std::io::Error,
+    },
+    /// A file cannot be written.
+    #[error(transparent)]
+    File(#[from] DatasetError),
+}
+
+/// Writes a data set into a folder, which is made if need be: time series as BDF CSV, spectra as CSV, current positive for charge.
+///
+/// # Errors
+/// [`WriteError`].
+pub fn write_dataset(folder: &Path, set: &DataSet) -> Result<(), WriteError> {
+    std::fs::create_dir_all(folder).map_err(|source| WriteError::Folder { path: folder.to_owned(), source })?;
+    let mut listed = format!("name = {}\n", json!(set.name)) + &set.history.as_ref().and_then(history).unwrap_or_default();
+    for (index, run) in set.runs.iter().enumerate() {
+        let text = match &run.data {
+            RunData::Time(record) => series_csv(record),
+            RunData::Eis(sweep) => spectrum_csv(sweep),
+        };
+        let file = file_name(index, run);
+        dataset::write_atomically(&folder.join(&file), text.as_bytes())?;
+        listed += &entry(run, &file);
+    }
+    Ok(dataset::write_atomically(&folder.join(DATASET_FILE), listed.as_bytes())?)
+}
+
+/// One `[[runs]]`. A JSON string or number is a TOML one too.
+fn entry(run: &Run, file: &str) -> String {
+    let (fixture, resistance) = match &run.fixture {
+        Fixture::Cell(name) => ("cell", ("cell", json!(name))),
+        Fixture::Shunt(ohm) => ("shunt", ("fixture_ohm", json!(ohm))),
+        Fixture::FakeCell(ohm) => ("fake_cell", ("fixture_ohm", json!(ohm))),
+    };
+    let start = match run.start {
+        Start::Soc(soc) => ("soc", json!(soc)),
+        Start::Ocv(ocv_v) => ("ocv_v", json!(ocv_v)),
+    };
+    let (kind, of_kind) = match &run.data {
+        RunData::Time(record) => ("time", ("current_between_samples", json!(record.between))),
+        // −0 and 0 are one bias.
+        RunData::Eis(sweep) => ("eis", ("bias_a", json!(0.0 - sweep.bias_a))),
+    };
+    let fields = [
+        ("name", json!(run.name)),
+        ("file", json!(file)),
+        ("kind", json!(kind)),
+        ("fixture", json!(fixture)),
+        resistance,
+        ("temperature_c", json!(run.temperature_c)),
+        start,
+        ("repeat_group", json!(run.repeat_group)),
+        ("order", json!(run.order)),
+        ("start_s", json!(run.start_s)),
+        ("role", json!(run.role)),
+        ("current_positive", json!("charge")),
+        of_kind,
+    ];
+    table("[[runs]]", fields.iter().map(|(name, value)| (*name, value)))
+}
+
+fn history(bench: &BenchHistory) -> Option<String> {
+    let value = json!(bench);
+    Some(table("[bench]", value.as_object()?.iter().map(|(name, value)| (name.as_str(), value))))
+}
+
+fn table<'a>(header: &str, fields: impl Iterator<Item = (&'a str, &'a Value)>) -> String {
+    let lines: String = fields.map(|(name, value)| format!("{name} = {value}\n")).collect();
+    format!("\n{header}\n{lines}")
+}
+
+/// A number makes it unique, the run's name readable.
+fn file_name(index: usize, run: &Run) -> String {
+    let plain: String = run.name.chars().map(|c| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '_' }).collect();
+    let extension = match run.data {
+        RunData::Time(_) => "bdf.csv",
+        RunData::Eis(_) => "csv",
+    };
+    format!("{:02}_{plain}.{extension}", index + 1)
+}
+
+fn series_csv(record: &TimeRecord) -> String {
+    let series = &record.series;
+    let mut text = "Test Time / s,Current / A,Voltage / V".to_owned();
+    if series.temperature_c.is_some() {
+        text += ",Surface Temperature T1 / degC";
+    }
+    text.push('\n');
+    for k in 0..series.len() {
+        // Writing into a string cannot fail.
+        let _ = write!(text, "{},{},{}", series.time_s[k], 0.0 - series.current_a[k], series.voltage_v[k]);
+        if let Some(all) = &series.temperature_c {
+            let _ = write!(text, ",{}", all[k]);
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn spectrum_csv(sweep: &Sweep) -> String {
+    let mut text = "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,amplitude_a\n".to_owned();
+    for point in &sweep.points {
+        let (sigma_re, sigma_im) = point.sigma_ohm.unwrap_or((f64::NAN, f64::NAN));
+        let amplitude_a = point.amplitude_a.unwrap_or(f64::NAN);
+        let _ = writeln!(text, "{},{},{},{sigma_re},{sigma_im},{amplitude_a}", point.freq_hz, point.z_ohm.re, point.z_ohm.im);
+    }
+    text
+}
