@@ -12,7 +12,11 @@ use std::{
     task::Poll,
 };
 
-use analysis::{calibration::Correction, dataset, spectrum::Spectrum};
+use analysis::{
+    calibration::Correction,
+    dataset::{self, Role, SweepEntry},
+    spectrum::Spectrum,
+};
 use instruments::{
     clock::{self, Clock, TimeMode},
     mock::plant::Fixture,
@@ -32,10 +36,10 @@ use crate::{
     fixture_check::{self, ControlResult},
     logging,
     operator::Operator,
-    plan::{Checked, Purpose},
+    plan::{Checked, Purpose, Stage},
     procedure,
     progress::Progress,
-    record::Recorder,
+    record::{Recorder, sweep_name},
     sim::Simulation,
 };
 
@@ -48,8 +52,10 @@ pub struct Measured {
     pub sweeps: BTreeMap<&'static str, Vec<SweepPoint>>,
     /// The correction of the bench.
     pub correction: Correction,
-    /// The corrected spectrum of the cell.
+    /// The corrected spectrum of the cell, of its first sweep; without points where it was not swept.
     pub spectrum: Spectrum,
+    /// Those of its further sweeps.
+    pub repeats: Vec<Spectrum>,
 }
 
 /// What ran, for whoever wants to run it again.
@@ -253,43 +259,85 @@ async fn drive(
         sweeps: BTreeMap::new(),
         correction: Correction::none(experiment.bench.wiring.shunt),
         spectrum: Spectrum { name: experiment.name.clone(), points: Vec::new() },
+        repeats: Vec::new(),
     };
+    recorder.about(&experiment.cell.name, experiment.cell.capacity_c);
     let mut executor = Executor::new((bench, recorder), experiment, clock.clone(), (operator, progress));
     for stage in &plan.plan().stages {
-        let Purpose::Sweep(fixture) = stage.purpose else {
+        let Purpose::Sweep(fixture, repeat) = stage.purpose else {
             executor.stage(stage, &mut |_, _| Ok(())).await?;
             continue;
         };
-        let name = crate::plan::fixture_name(fixture);
-        let correction = measured.correction.clone();
-        let spectrum = &mut measured.spectrum.points;
-        let mut on_point = |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
-            let raw = fixture_check::raw_points(&experiment.bench, std::slice::from_ref(point));
-            for point in &raw {
-                recorder.spectrum_point(&format!("raw_{name}.csv"), point)?;
-            }
-            if fixture == Fixture::Cell {
-                let corrected = correction.apply(&point.phasors);
-                recorder.spectrum_point("spectrum.csv", &corrected)?;
-                spectrum.push(corrected);
-            }
-            for warning in &point.warnings {
-                recorder.point_warning(name, point.phasors.freq_hz, warning);
-            }
-            Ok(())
-        };
-        let points = executor.stage(stage, &mut on_point).await?;
-        judge(executor.recorder, experiment, (fixture, &points), &mut measured)?;
-        measured.sweeps.insert(name, points);
+        let points = sweep(&mut executor, stage, (fixture, repeat), &mut measured).await?;
+        if repeat == 0 {
+            judge(executor.recorder, experiment, (fixture, &points), &mut measured)?;
+        }
+        measured.sweeps.entry(crate::plan::fixture_name(fixture)).or_insert(points);
         // Before anything is done with the cell, its state of charge included.
         let controls = experiment.fixture_check.as_ref().map_or(0, |check| check.controls.len());
-        if fixture != Fixture::Cell && measured.controls.len() == controls {
+        if repeat == 0 && measured.controls.len() == controls {
             correct(executor.recorder, experiment, &mut measured)?;
+            executor.correction = measured.correction.clone();
         }
     }
-    dataset::write_spectrum_parquet(&executor.recorder.path("spectrum.parquet"), &measured.spectrum.points)
-        .map_err(crate::record::RecordError::from)?;
+    if !measured.spectrum.points.is_empty() {
+        dataset::write_spectrum_parquet(&executor.recorder.path("spectrum.parquet"), &measured.spectrum.points)
+            .map_err(crate::record::RecordError::from)?;
+    }
     Ok(measured)
+}
+
+/// One sweep: every point is in the files as soon as it is measured, and the whole sweep in the index.
+async fn sweep(
+    executor: &mut Executor<'_>,
+    stage: &Stage,
+    (fixture, repeat): (Fixture, usize),
+    measured: &mut Measured,
+) -> Result<Vec<SweepPoint>, Failure> {
+    let (name, experiment, correction) = (sweep_name(fixture, repeat), executor.experiment, measured.correction.clone());
+    let file = if repeat > 1 { format!("spectrum_{repeat}.csv") } else { "spectrum.csv".to_owned() };
+    let mut spectrum = Spectrum { name: experiment.name.clone(), points: Vec::new() };
+    let start_time_s = executor.clock.now_s();
+    let mut on_point = |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
+        let raw = fixture_check::raw_points(&experiment.bench, std::slice::from_ref(point));
+        for point in &raw {
+            recorder.spectrum_point(&format!("raw_{name}.csv"), point)?;
+        }
+        if fixture == Fixture::Cell {
+            let corrected = correction.apply(&point.phasors);
+            recorder.spectrum_point(&file, &corrected)?;
+            spectrum.points.push(corrected);
+        }
+        for warning in &point.warnings {
+            recorder.point_warning(&name, point.phasors.freq_hz, warning);
+        }
+        Ok(())
+    };
+    let points = executor.stage(stage, &mut on_point).await?;
+    let cell = fixture == Fixture::Cell;
+    if repeat > 0 {
+        let entry = SweepEntry {
+            file: if cell { file } else { format!("raw_{name}.csv") },
+            fixture: crate::plan::fixture_name(fixture).to_owned(),
+            fixture_ohm: (!cell).then_some(fixture_check::known(&experiment.bench, fixture).r_ohm),
+            corrected: cell && measured.correction.reduced_chi2.is_some(),
+            amplitude_a: experiment.eis.as_ref().map_or(f64::NAN, |eis| eis.amplitude_a),
+            repeat,
+            order: executor.recorder.measured(),
+            start_time_s,
+            start_ocv_v: executor.idle.voltage_v.filter(|_| cell),
+            temperature_c: executor.idle.temperature_c.filter(|_| cell),
+            role: Role::Train,
+            repeat_group: if cell { "eis".to_owned() } else { "eis_shunt".to_owned() },
+        };
+        executor.recorder.sweep(entry)?;
+    }
+    match (cell, repeat) {
+        (true, 1) => measured.spectrum = spectrum,
+        (true, _) => measured.repeats.push(spectrum),
+        (false, _) => {}
+    }
+    Ok(points)
 }
 
 /// Stops the run when a control that was just measured is off as read.

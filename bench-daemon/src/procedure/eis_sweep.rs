@@ -23,8 +23,8 @@ const TRIGGER_PERIODS: f64 = 1.5;
 /// For the scope to take the frame, s.
 const FRAME_MARGIN_S: f64 = 0.2;
 
-/// `held`: the bipolar supply limits its current by itself.
-pub(super) fn stage((fixture, held): (Fixture, bool), eis: &Eis, limits: &Limits, screen_s: impl Fn(f64) -> f64) -> Stage {
+/// `repeat` is 0 where the fixture is a control. `held`: the bipolar supply limits its current by itself.
+pub(super) fn stage((fixture, repeat, held): (Fixture, usize, bool), eis: &Eis, limits: &Limits, screen_s: impl Fn(f64) -> f64) -> Stage {
     let mut steps = vec![
         Step::Mount(fixture),
         Step::PowerUp {
@@ -39,7 +39,7 @@ pub(super) fn stage((fixture, held): (Fixture, bool), eis: &Eis, limits: &Limits
         steps.push(Step::Sine { index, freq_hz, amplitude_a: eis.amplitude_a, wait_s: thesis_s.max(frame_s) });
     }
     steps.push(Step::PowerDown);
-    Stage { purpose: Purpose::Sweep(fixture), steps }
+    Stage { purpose: Purpose::Sweep(fixture, repeat), steps }
 }
 
 #[cfg(test)]
@@ -49,6 +49,8 @@ mod tests {
     #[test]
     fn every_point_waits_eleven_periods_and_a_second_and_a_whole_frame() {
         let eis = Eis {
+            fixture: Fixture::Cell,
+            repeat: 1,
             freqs_hz: vec![0.1, 0.21, 300.0],
             amplitude_a: 1.0,
             periods: 11.0,
@@ -59,7 +61,7 @@ mod tests {
             mains_hz: None,
         };
         let limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
-        let stage = stage((Fixture::Cell, true), &eis, &limits, |span_s| 2.5 * span_s);
+        let stage = stage((Fixture::Cell, 1, true), &eis, &limits, |span_s| 2.5 * span_s);
         let waits: Vec<(f64, f64)> = stage
             .steps
             .iter()
