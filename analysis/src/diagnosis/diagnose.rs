@@ -2,7 +2,7 @@
 
 use super::block::{DataSetError, Desk, Kind};
 use super::data::{DataSet, Role};
-use super::guards::{GOOD_FIT_Z, Guards, SENTINEL_Z};
+use super::guards::{GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
 use super::localise::localise;
 use super::noise::TERMS;
 use super::outcome::{
@@ -85,7 +85,8 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
         base: Some(base.decode(problem.branches()).0),
         augmented: Some(selection.fit.decode(problem.branches()).0),
     };
-    judge(&mut d, &selection, moved);
+    let held_out_z = held_out_z(problem, &selection.fit, &mut desk);
+    judge(&mut d, &selection, (moved, held_out_z));
     let curves = curves(&prepared, &model.erm, (&base, &selection.fit), &mut desk);
     Ok(Outcome { diagnosis: d, curves })
 }
@@ -180,9 +181,18 @@ fn rivals(selection: &Selection) -> Vec<Rival> {
     selection.taken.iter().flat_map(of).collect()
 }
 
+/// (χ² − dof)/√(2·dof) of the held-out runs, in which nothing was fitted.
+fn held_out_z(problem: &Problem, fit: &Fit, desk: &mut Desk) -> f64 {
+    let held_out: Vec<usize> = problem.of_role(Role::HeldOut).collect();
+    let rows: usize = held_out.iter().map(|k| problem.blocks[*k].rows()).sum();
+    let chi2: f64 = held_out.iter().map(|k| problem.block_chi2((&fit.structure, &fit.x), *k, desk)).sum();
+    if rows == 0 { 0.0 } else { excess_z(chi2, rows as f64) }
+}
+
 /// Verdict, summary and notes.
-fn judge(d: &mut Diagnosis, selection: &Selection, moved: Option<String>) {
-    let fits = d.quality.augmented_z < GOOD_FIT_Z;
+fn judge(d: &mut Diagnosis, selection: &Selection, (moved, held_out_z): (Option<String>, f64)) {
+    let quiet = d.where_after.iter().all(|b| b.p_value > LEAST_BLOCK_P);
+    let fits = d.quality.augmented_z < GOOD_FIT_Z && held_out_z < GOOD_FIT_Z && quiet;
     let names: Vec<&str> = d.effects.iter().map(|e| e.title).collect();
     if !d.noise.from_repeats {
         d.notes.push("fewer than three repeats of any run: the noise is assumed, so that no noise floor can be claimed".to_owned());

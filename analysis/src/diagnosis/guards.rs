@@ -53,6 +53,12 @@ pub(super) const NAMING_LEAD: f64 = 14.0;
 pub(super) const HELD_OUT_PART: f64 = 0.1;
 /// … and this much.
 pub(super) const HELD_OUT_SUM: f64 = 20.0;
+/// Standard deviations by which held-out runs may contradict the size of what an addition predicts for them.
+pub(super) const HELD_OUT_Z: f64 = 4.0;
+/// Probability, corrected for the number of blocks, below which a block says that something is missing.
+pub(super) const LEAST_BLOCK_P: f64 = 1e-4;
+/// Times that the steps of a record may be halved to integrate well enough.
+pub(super) const MOST_PARTS: usize = 8;
 /// Standard deviations by which repeats may leave the history or each other.
 pub(super) const SENTINEL_Z: f64 = 5.0;
 /// Error of integration as a part of the floor.

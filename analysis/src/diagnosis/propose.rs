@@ -19,17 +19,13 @@ pub(super) struct Proposal {
     pub(super) member: Member,
     /// χ² that a small step would remove.
     pub(super) lagrange: f64,
-    /// How many choices the effect has.
-    pub(super) choices: usize,
 }
 
 /// All variants of an effect, best first; empty where the effect does not apply.
 pub(super) fn propose(problem: &Problem, fit: &Fit, tangent: &Tangent, effect: &'static dyn Effect, desk: &mut Desk) -> Vec<Proposal> {
     let mut proposals: Vec<Proposal> = Vec::new();
     // Bounds come from the base fit before any effect was added, so that they do not move with what is added.
-    let all = variants(effect, &problem.base);
-    let choices = count_choices(&all);
-    for mut member in all {
+    for mut member in variants(effect, &problem.base) {
         let structure = fit.structure.with(member.clone());
         let Some(direction) = direction(problem, fit, &structure, desk) else { continue };
         let mut outside = direction;
@@ -40,26 +36,14 @@ pub(super) fn propose(problem: &Problem, fit: &Fit, tangent: &Tangent, effect: &
         let wanted = if size > 1e-20 { along / size * typical } else { 0.0 };
         let strength = wanted.clamp(range.lower, range.upper);
         if strength == 0.0 {
-            proposals.push(Proposal { member, lagrange: 0.0, choices });
+            proposals.push(Proposal { member, lagrange: 0.0 });
             continue;
         }
         member.start[0] = strength;
-        proposals.push(Proposal { member, lagrange: along * along / size, choices });
+        proposals.push(Proposal { member, lagrange: along * along / size });
     }
     proposals.sort_by(|a, b| b.lagrange.total_cmp(&a.lagrange));
     proposals
-}
-
-fn count_choices(all: &[Member]) -> usize {
-    let mut seen: Vec<Vec<u64>> = Vec::new();
-    for m in all {
-        let key: Vec<u64> =
-            m.parameters.iter().zip(&m.start).filter(|(p, _)| p.scale == crate::effects::Scale::Choice).map(|(_, v)| v.to_bits()).collect();
-        if !seen.contains(&key) {
-            seen.push(key);
-        }
-    }
-    seen.len().max(1)
 }
 
 /// Derivative of the whitened prediction by the strength of the last member, at absence.

@@ -3,8 +3,8 @@
 use super::block::Desk;
 use super::data::Role;
 use super::guards::{
-    ALWAYS_FITTED, GOOD_FIT_Z, Guards, HELD_OUT_PART, HELD_OUT_SUM, INTEGRATION_PART, LEAST_DEVIATES, LEAST_LAGRANGE, LEAST_SCORE,
-    MATERIAL_SHARE, MOST_EFFECTS, MOST_FITTED, NAMING_LEAD, NEAR_BEST,
+    ALWAYS_FITTED, GOOD_FIT_Z, Guards, HELD_OUT_PART, HELD_OUT_SUM, HELD_OUT_Z, INTEGRATION_PART, LEAST_DEVIATES, LEAST_LAGRANGE,
+    LEAST_SCORE, MATERIAL_SHARE, MOST_EFFECTS, MOST_FITTED, MOST_PARTS, NAMING_LEAD, NEAR_BEST,
 };
 use super::outcome::{Candidate, Evidence};
 use super::problem::{Fit, Problem, Tangent};
@@ -74,10 +74,11 @@ impl Search<'_> {
             let mut ranking = ranking;
             selection.refused = None;
             let mut accepted = None;
-            for attempt in &attempts {
-                match self.accept(&selection.fit, attempt) {
+            for attempt in attempts {
+                let attempt = self.integrated(&selection.fit, attempt);
+                match self.accept(&selection.fit, &attempt) {
                     Ok(evidence) => {
-                        accepted = Some((attempt.clone(), evidence));
+                        accepted = Some((attempt, evidence));
                         break;
                     }
                     Err(reason) => {
@@ -159,14 +160,30 @@ impl Search<'_> {
         }
         let best = best.unwrap_or_else(|| fit.clone());
         let lambda = fit.chi2 - best.chi2;
-        let choices = proposals[0].choices;
-        let score = lambda - self.penalty(proposals[0].member.free(), choices);
+        let member = &proposals[0].member;
+        let score = lambda - self.penalty(member.free(), member.choices());
         Attempt { name: proposals[0].member.name(), fit: best, lambda, score }
     }
 
     /// What parameters and choices cost: k·ln N, and twice the logarithm of the number of choices.
     fn penalty(&self, free: usize, choices: usize) -> f64 {
         free as f64 * (self.problem.training_rows() as f64).ln() + 2.0 * (choices as f64).ln()
+    }
+
+    /// The attempt with steps so fine that integration is no question; as it is where it has no say anyway.
+    fn integrated(&mut self, before: &Fit, mut attempt: Attempt) -> Attempt {
+        while self.guards.integration
+            && attempt.score >= LEAST_SCORE
+            && attempt.fit.structure.parts < MOST_PARTS
+            && self.integration_error(&attempt.fit) > INTEGRATION_PART
+        {
+            let mut structure = attempt.fit.structure.clone();
+            structure.parts *= 2;
+            let fit = self.problem.fit_from(&structure, attempt.fit.x, attempt.fit.axes, &mut self.desk);
+            let lambda = before.chi2 - fit.chi2;
+            attempt = Attempt { score: attempt.score + lambda - attempt.lambda, lambda, fit, ..attempt };
+        }
+        attempt
     }
 
     /// Everything that must speak for an addition; the reason where something does not.
@@ -209,7 +226,37 @@ impl Search<'_> {
             }
             change += new - old;
         }
+        let z = self.contradiction(before, after);
+        if self.guards.held_out && z.abs() > HELD_OUT_Z {
+            return Err(format!("held-out runs contradict the size of what it predicts for them by {z:.1} standard deviations"));
+        }
         Ok(change)
+    }
+
+    /// What the held-out runs still say along the change that the addition makes to their prediction, in standard deviations of noise and parameters:
+    /// u·r/√(1 + uᵀJΣJᵀu) with u the direction of the change. A true effect leaves nothing there but noise.
+    fn contradiction(&mut self, before: &Fit, after: &Fit) -> f64 {
+        let problem = self.problem;
+        let old = problem.whitened_of(Role::HeldOut, (&before.structure, &before.x), &mut self.desk);
+        let new = problem.whitened_of(Role::HeldOut, (&after.structure, &after.x), &mut self.desk);
+        let mut u: Vec<f64> = new.iter().zip(&old).map(|(n, o)| n - o).collect();
+        let size = dot(&u, &u).sqrt();
+        let n = after.x.len();
+        let (Some(covariance), true) = (after.covariance(), size > 1e-6) else { return 0.0 };
+        u.iter_mut().for_each(|u| *u /= size);
+        let left: Vec<f64> = problem.target_of(Role::HeldOut).iter().zip(&new).map(|(t, p)| t - p).collect();
+        let along: Vec<f64> = (0..n)
+            .map(|k| {
+                let mut x = after.x.clone();
+                let axis = &after.axes[k];
+                let step = if x[k] + axis.step > axis.upper { -axis.step } else { axis.step };
+                x[k] += step;
+                let moved = problem.whitened_of(Role::HeldOut, (&after.structure, &x), &mut self.desk);
+                moved.iter().zip(&new).zip(&u).map(|((m, p), u)| u * (m - p)).sum::<f64>() / step
+            })
+            .collect();
+        let spread: f64 = (0..n * n).map(|ij| along[ij / n] * along[ij % n] * covariance[ij]).sum();
+        dot(&u, &left) / (1.0 + spread.max(0.0)).sqrt()
     }
 
     /// Largest change of any row by halving all steps, as a part of its noise.
@@ -231,7 +278,7 @@ impl Search<'_> {
         while selection.taken.len() > 1 && k < selection.taken.len() {
             let without = self.refit_without(base, &selection.fit, k);
             let member = &selection.fit.structure.members[k];
-            let cost = without.chi2 - selection.fit.chi2 - self.penalty(member.free(), 1);
+            let cost = without.chi2 - selection.fit.chi2 - self.penalty(member.free(), member.choices());
             if cost < 0.0 {
                 selection.fit = without;
                 selection.taken.remove(k);
@@ -264,8 +311,7 @@ impl Search<'_> {
             let without = self.refit_without(&start, &selection.fit, k);
             let member = &selection.fit.structure.members[k];
             let (attempts, _) = self.attempts(&without, Some(name));
-            let choices = 1;
-            let own = without.chi2 - selection.fit.chi2 - self.penalty(member.free(), choices);
+            let own = without.chi2 - selection.fit.chi2 - self.penalty(member.free(), member.choices());
             for other in attempts {
                 let gap = other.score - own;
                 if gap < -NAMING_LEAD || names.contains(&other.name) {

@@ -172,7 +172,7 @@ fn push_table(out: &mut String, header: &[&'static str], rows: &[Vec<String>]) {
         let cells: Vec<Vec<String>> = cells.iter().zip(&widths).map(|(c, w)| wrapped(c, *w)).collect();
         for k in 0..cells.iter().map(Vec::len).max().unwrap_or(0) {
             let pieces = cells.iter().zip(&widths).map(|(c, w)| format!("{:<w$}", c.get(k).map_or("", String::as_str)));
-            out.push_str(&format!("  {}", pieces.collect::<Vec<_>>().join(COLUMN_GAP)).trim_end());
+            out.push_str(format!("  {}", pieces.collect::<Vec<_>>().join(COLUMN_GAP)).trim_end());
             out.push('\n');
         }
     };
