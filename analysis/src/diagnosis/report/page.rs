@@ -95,7 +95,7 @@ impl Item {
                     push_wrapped(out, text, (&format!("    {field:<most$}  "), &" ".repeat(most + 6)));
                 }
             }
-            Self::Verbatim(text) => text.lines().for_each(|line| out.push_str(&format!("  {line}\n"))),
+            Self::Verbatim(text) => text.lines().for_each(|line| out.push_str(&format!("{}\n", format!("  {line}").trim_end()))),
             Self::Pictures(_) => {}
         }
     }
