@@ -172,7 +172,7 @@ fn push_table(out: &mut String, header: &[&'static str], rows: &[Vec<String>]) {
         let cells: Vec<Vec<String>> = cells.iter().zip(&widths).map(|(c, w)| wrapped(c, *w)).collect();
         for k in 0..cells.iter().map(Vec::len).max().unwrap_or(0) {
             let pieces = cells.iter().zip(&widths).map(|(c, w)| format!("{:<w$}", c.get(k).map_or("", String::as_str)));
-            out.push_str(&format!("  {}", pieces.collect::<Vec<_>>().join(COLUMN_GAP)).trim_end());
+            out.push_str(format!("  {}", pieces.collect::<Vec<_>>().join(COLUMN_GAP)).trim_end());
             out.push('\n');
         }
     };
@@ -204,7 +204,7 @@ mod tests {
     fn a_wide_table_is_squeezed_and_loses_no_word() {
         let words = "many words that cannot stand on one line of a terminal beside the others ".repeat(3);
         let mut out = String::new();
-        push_table(&mut out, &["name", "remark", "value"], &[vec!["a".into(), words.clone(), "1".into()]]);
+        push_table(&mut out, &["name", "remark", "value"], &[vec!["a".into(), words, "1".into()]]);
         assert!(out.lines().all(|l| l.chars().count() <= WIDTH), "{out}");
         assert_eq!(out.matches("terminal").count(), 3);
     }
