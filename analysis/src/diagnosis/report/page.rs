@@ -95,7 +95,7 @@ impl Item {
                     push_wrapped(out, text, (&format!("    {field:<most$}  "), &" ".repeat(most + 6)));
                 }
             }
-            Self::Verbatim(text) => text.lines().for_each(|line| out.push_str(&format!("  {line}\n"))),
+            Self::Verbatim(text) => text.lines().for_each(|line| out.push_str(&format!("{}\n", format!("  {line}").trim_end()))),
             Self::Pictures(_) => {}
         }
     }
@@ -204,7 +204,7 @@ mod tests {
     fn a_wide_table_is_squeezed_and_loses_no_word() {
         let words = "many words that cannot stand on one line of a terminal beside the others ".repeat(3);
         let mut out = String::new();
-        push_table(&mut out, &["name", "remark", "value"], &[vec!["a".into(), words.clone(), "1".into()]]);
+        push_table(&mut out, &["name", "remark", "value"], &[vec!["a".into(), words, "1".into()]]);
         assert!(out.lines().all(|l| l.chars().count() <= WIDTH), "{out}");
         assert_eq!(out.matches("terminal").count(), 3);
     }

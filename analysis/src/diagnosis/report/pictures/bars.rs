@@ -65,6 +65,7 @@ pub(super) fn ranking(d: &Diagnosis) -> Option<Picture> {
         return None;
     }
     let rows = d.ranking.iter().take(MOST_CANDIDATES).map(ranking_row).collect();
+    let title = if d.ranking.iter().any(|c| c.refused_because.is_empty()) { "Which effect explains it" } else { "No effect passes" };
     // Words right of the threshold need room even if nothing reaches it.
     let highest = d.ranking.iter().filter_map(|c| c.score).filter(|s| s.is_finite()).fold(5.0 * SCORE_THRESHOLD, f64::max);
     let more = d.ranking.len().saturating_sub(MOST_CANDIDATES);
@@ -79,8 +80,7 @@ pub(super) fn ranking(d: &Diagnosis) -> Option<Picture> {
         groups: vec![BarGroup { heading: String::new(), rows }],
         note_heading: "outcome".into(),
     };
-    let chart =
-        BarChart { title: "Which effect explains it".into(), subtitle, legend: Vec::new(), panels: vec![panel], width_px: WIDTH_PX };
+    let chart = BarChart { title: title.into(), subtitle, legend: Vec::new(), panels: vec![panel], width_px: WIDTH_PX };
     let caption = "Ranking of the candidates: the score of each, what was needed, and why the others were refused.";
     Some(Picture { name: "ranking".into(), kind: Kind::Ranking, caption: caption.into(), drawing: Drawing::Bars(chart) })
 }

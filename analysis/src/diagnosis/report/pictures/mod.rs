@@ -79,7 +79,7 @@ fn has_after(d: &Diagnosis) -> bool {
     !d.effects.is_empty()
 }
 
-/// The named effects in words.
+/// The named effects, short enough for a legend.
 fn effect_names(d: &Diagnosis) -> String {
-    d.effects.iter().map(|e| e.title).collect::<Vec<_>>().join(" and ")
+    d.effects.iter().map(|e| e.name).collect::<Vec<_>>().join(" + ")
 }

@@ -18,8 +18,13 @@ pub(super) fn picture(d: &Diagnosis, run: &RunCurves) -> Option<Picture> {
     let role = if run.held_out { "held out" } else { "training" };
     let title = format!("{}, {role}: measured less predicted", run.name);
     let chart = Chart::new(&title, &subtitle(d, &run.curves), panels);
-    let shown = if kind == Kind::Time { "Voltage of" } else { "Impedance of" };
-    let caption = format!("{shown} {} ({role}), measured less predicted, with the band of the noise.", run.name);
+    let caption = match kind {
+        Kind::Time => format!(
+            "Voltage of {} ({role}), measured less predicted: lines are means over pieces of the record, their pale areas reach from the lowest to the highest sample.",
+            run.name
+        ),
+        _ => format!("Impedance of {} ({role}), measured less predicted, with the band of the noise.", run.name),
+    };
     let fit = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
     Some(Picture { name: run.name.chars().map(fit).collect(), kind, caption, drawing: Drawing::Chart(chart) })
 }
@@ -35,11 +40,9 @@ pub(super) fn miss(curves: &Curves) -> f64 {
 fn subtitle(d: &Diagnosis, curves: &Curves) -> String {
     let (scale, unit) = if matches!(curves, Curves::Time { .. }) { (1e3, "mV") } else { (1e2, "% of |Z|") };
     let words = |label: &str, value: f64| format!("{label} {} {unit}", plain(scale * value));
-    let mut parts = vec![words("rms: refit", miss(curves))];
+    let (alone, augmented) = others(curves);
+    let mut parts = vec![words("rms: spectra alone", alone), words("refit", miss(curves))];
     if has_after(d) {
-        let (alone, augmented) = others(curves);
-        parts.insert(0, words("rms: spectra alone", alone));
-        parts[1] = words("refit", miss(curves));
         parts.push(words(&format!("with {}", effect_names(d)), augmented));
     }
     parts.join(", ")

@@ -135,11 +135,10 @@ pub(super) fn ambiguous() -> Diagnosis {
                 .into(),
         effects: vec![heat],
         rivals: vec![Rival { name: "soc_resistance", instead_of: "self_heating", score_gap: -2.1, discriminability: 0.42 }],
-        blocks: loud_blocks()
+        blocks: quiet_blocks()
             .into_iter()
-            .take(3)
-            .map(|b| Block { chi2: 120.0, p_value: 0.002, ..b })
-            .chain(quiet_blocks().split_off(3))
+            .enumerate()
+            .map(|(k, b)| if k < 3 { block(b.dimension, &b.part, 120.0, 0.002) } else { b })
             .collect(),
         quality: Quality { base_chi2: 1240.0, degrees_of_freedom: 1004.0, base_z: 5.3, augmented_chi2: 1021.0, augmented_z: 0.4 },
         ranking: vec![
