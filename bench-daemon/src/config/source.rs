@@ -119,10 +119,10 @@ impl Source {
 fn descend(table: &DeTable<'_>, at: usize, path: &mut Vec<String>) {
     let inside = |span: Range<usize>| span.contains(&at);
     for (key, value) in table.iter() {
-        let nested = matches!(value.get_ref(), DeValue::Table(inner) if contains(inner, at));
-        if inside(key.span()) || inside(value.span()) || nested {
+        let nested = tables(value.get_ref()).into_iter().find(|inner| contains(inner, at));
+        if inside(key.span()) || inside(value.span()) || nested.is_some() {
             path.push(key.get_ref().to_string());
-            if let DeValue::Table(inner) = value.get_ref() {
+            if let Some(inner) = nested {
                 descend(inner, at, path);
             }
             return;
@@ -132,8 +132,17 @@ fn descend(table: &DeTable<'_>, at: usize, path: &mut Vec<String>) {
 
 fn contains(table: &DeTable<'_>, at: usize) -> bool {
     table.iter().any(|(key, value)| {
-        key.span().contains(&at) || value.span().contains(&at) || matches!(value.get_ref(), DeValue::Table(inner) if contains(inner, at))
+        key.span().contains(&at) || value.span().contains(&at) || tables(value.get_ref()).into_iter().any(|inner| contains(inner, at))
     })
+}
+
+/// The tables in a value: itself, or those of an array.
+fn tables<'a, 'i>(value: &'a DeValue<'i>) -> Vec<&'a DeTable<'i>> {
+    match value {
+        DeValue::Table(inner) => vec![inner],
+        DeValue::Array(items) => items.iter().flat_map(|item| tables(item.get_ref())).collect(),
+        _ => Vec::new(),
+    }
 }
 
 #[cfg(test)]
@@ -145,6 +154,9 @@ mod tests {
     struct File {
         #[expect(dead_code, reason = "only read by serde")]
         eis: Eis,
+        #[expect(dead_code, reason = "only read by serde")]
+        #[serde(default)]
+        traces: Vec<Eis>,
     }
     #[derive(Debug, serde::Deserialize)]
     #[serde(deny_unknown_fields)]
@@ -162,6 +174,7 @@ mod tests {
         for (text, expected) in [
             ("\n[eis]\npoints = \"x\"\n", "a.toml:3: eis.points: invalid type"),
             ("[eis]\npoints = 2\npionts = 3\n", "a.toml:3: eis.pionts: unknown field"),
+            ("[eis]\npoints = 2\n[[traces]]\npoints = 2\n[[traces]]\n\npoints = true\n", "a.toml:7: traces.points: invalid type"),
             ("[eis\n", "a.toml:1: (syntax)"),
             ("[eis]\n", "a.toml:1: eis: missing field `points`"),
         ] {
