@@ -14,4 +14,5 @@ mod ocv_joint;
 mod ranging;
 mod simulate;
 mod support;
+mod traces;
 mod verdicts;
