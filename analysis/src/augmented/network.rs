@@ -1,6 +1,7 @@
 //! The network between the open-circuit voltage and the terminals.
 
-use crate::model::Erm;
+use super::branch::{self, Gain};
+use crate::model::{Erm, RcBranch};
 use num_complex::Complex64;
 
 /// How the resistor of a branch answers to its voltage.
@@ -38,6 +39,23 @@ impl Branch {
     pub fn linear(r_ohm: f64, tau_s: f64) -> Self {
         Self { r_ohm, tau_s, law: Law::Linear }
     }
+
+    /// True where the resistor's current is proportional to its voltage.
+    pub fn is_linear(&self) -> bool {
+        !matches!(self.law, Law::Symmetric { beta } | Law::Asymmetric { beta, .. } if beta > 0.0)
+    }
+
+    /// Current through the resistor, A, at a voltage, its resistance times a factor.
+    pub fn conducted_a(&self, v: f64, factor: f64) -> f64 {
+        match self.law {
+            Law::Symmetric { beta } if beta > 0.0 => (beta * v / self.r_ohm).sinh() / (beta * factor),
+            Law::Asymmetric { beta, alpha } if beta > 0.0 => {
+                let x = 2.0 * beta * v / self.r_ohm;
+                ((alpha * x).exp() - (-(1.0 - alpha) * x).exp()) / (2.0 * beta * factor)
+            }
+            _ => v / (self.r_ohm * factor),
+        }
+    }
 }
 
 /// Series resistance and branches. The first branches are the base's, in its order, unless an effect has replaced one.
@@ -54,6 +72,25 @@ impl Network {
     pub fn of(erm: &Erm) -> Self {
         let branches = erm.branches.iter().map(|b| Branch::linear(b.r_ohm, b.time_constant_s())).collect();
         Self { r_ohm: erm.r_ohm, branches }
+    }
+
+    /// The same for small signals as an extended Randles model. Branches without resistance are left out.
+    pub fn linearised(&self) -> Erm {
+        let branches = self.branches.iter().filter(|b| b.r_ohm != 0.0);
+        Erm { r_ohm: self.r_ohm, branches: branches.map(|b| RcBranch { r_ohm: b.r_ohm, c_f: b.tau_s / b.r_ohm }).collect() }
+    }
+
+    /// Moves the voltages (V) of the branches over a step in which the current goes straight from one value to another (A), resistances times a factor.
+    /// A branch that is not linear sees the mean of the two.
+    pub(crate) fn advance(&self, states_v: &mut [f64], factor: f64, (from_a, to_a): (f64, f64), step_s: f64) {
+        for (v, b) in states_v.iter_mut().zip(&self.branches) {
+            *v = if b.is_linear() {
+                let gain = Gain::new(b, factor, step_s, true);
+                gain.decay * *v + gain.start * from_a + gain.end * to_a
+            } else {
+                branch::step(b, factor, *v, 0.5 * (from_a + to_a), step_s)
+            };
+        }
     }
 
     /// Impedance for small signals, Ω.
