@@ -80,15 +80,18 @@ impl Network {
         Erm { r_ohm: self.r_ohm, branches: branches.map(|b| RcBranch { r_ohm: b.r_ohm, c_f: b.tau_s / b.r_ohm }).collect() }
     }
 
-    /// Moves the voltages (V) of the branches over a step in which the current goes straight from one value to another (A), resistances times a factor.
-    /// A branch that is not linear sees the mean of the two.
-    pub(crate) fn advance(&self, states_v: &mut [f64], factor: f64, (from_a, to_a): (f64, f64), step_s: f64) {
+    /// Moves the voltages (V) of the branches over a step in which the current (A) and a factor on the resistances go straight from one value to
+    /// another. In a branch that is far faster than the step the end alone counts; one that is not linear sees the mean that a linear one would.
+    pub(crate) fn advance(&self, states_v: &mut [f64], factors: (f64, f64), currents_a: (f64, f64), step_s: f64) {
+        let mean = 0.5 * (factors.0 + factors.1);
+        let (from_a, to_a) = (currents_a.0 * factors.0 / mean, currents_a.1 * factors.1 / mean);
         for (v, b) in states_v.iter_mut().zip(&self.branches) {
+            let gain = Gain::new(b, mean, step_s, true);
+            let pushed_v = gain.start * from_a + gain.end * to_a;
             *v = if b.is_linear() {
-                let gain = Gain::new(b, factor, step_s, true);
-                gain.decay * *v + gain.start * from_a + gain.end * to_a
+                gain.decay * *v + pushed_v
             } else {
-                branch::step(b, factor, *v, 0.5 * (from_a + to_a), step_s)
+                branch::step(b, mean, *v, pushed_v / (gain.start + gain.end), step_s)
             };
         }
     }

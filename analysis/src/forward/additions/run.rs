@@ -138,13 +138,15 @@ impl<'a> Run<'a> {
         self.dynamics.iter_mut().for_each(|d| d.advance(&before.cell, 0.5 * step_s));
         let start = self.look((before.point.time_s, before.demand))?;
         let (soc, v, i0) = (self.soc, self.v.clone(), start.cell.current_a);
-        let (mut i1, mut factor) = (i0, start.factor.branches);
+        // What the first half of the additions has changed the second will change again.
+        let (f0, drift) = (before.factor.branches, start.factor.branches - before.factor.branches);
+        let (mut i1, mut f1) = (i0, f0 + 2.0 * drift);
         // The current at the end and the branches there wait for each other: a step may be long beside the fastest of them.
         for _ in 0..MOST_LOOKS {
             (self.soc, self.v) = (soc - 0.5 * (i0 + i1) * step_s / capacity_c, v.clone());
-            self.laws.network.advance(&mut self.v, factor, (i0, i1), step_s);
+            self.laws.network.advance(&mut self.v, (f0, f1), (i0, i1), step_s);
             let end = self.look((end_s, demand))?;
-            factor = 0.5 * (start.factor.branches + end.factor.branches);
+            f1 = end.factor.branches + drift;
             let change_a = (end.cell.current_a - i1).abs();
             i1 = end.cell.current_a;
             if change_a <= 1e-12 * i1.abs() {
@@ -152,7 +154,7 @@ impl<'a> Run<'a> {
             }
         }
         let mut after = self.look((end_s, demand))?.cell;
-        // What the first half of the additions has changed the second will change again: without it a heat that depends on itself is of first order.
+        // Without this a heat that depends on itself is of first order.
         after.current_a += start.cell.current_a - before.cell.current_a;
         after.overpotential_v += start.cell.overpotential_v - before.cell.overpotential_v;
         self.dynamics.iter_mut().for_each(|d| d.advance(&after, 0.5 * step_s));
