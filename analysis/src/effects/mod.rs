@@ -51,7 +51,7 @@ use crate::augmented::Network;
 use num_complex::Complex64;
 
 /// Where an effect sits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Group {
     /// Physics of the cell: belongs into a model that predicts.
