@@ -5,6 +5,7 @@ use std::path::Path;
 use analysis::{
     dataset,
     fit::ModelFile,
+    ocv::OcvCurve,
     plot::{self, Chart, PlotError},
 };
 
@@ -15,6 +16,15 @@ pub(super) fn read_model(path: &Path) -> Result<ModelFile, Failure> {
     let fail = |error: &dyn std::fmt::Display| Failure::Usage(format!("--model {}: {error}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| fail(&error))?;
     ModelFile::from_json(&text).map_err(|error| fail(&error))
+}
+
+/// Reads an OCV curve as `ocv --out` writes it.
+pub(super) fn read_curve(path: &Path) -> Result<OcvCurve, Failure> {
+    let fail = |reason: String| Failure::Usage(format!("{}: {reason}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| fail(error.to_string()))?;
+    let curve: OcvCurve = serde_json::from_str(&text).map_err(|error| fail(format!("expected an OCV curve as JSON: {error}")))?;
+    curve.validate().map_err(|error| fail(error.to_string()))?;
+    Ok(curve)
 }
 
 /// Makes the folder of `--out` if need be.
