@@ -1,7 +1,7 @@
 mod sim;
 
 use super::{Check, Expected, GateReport, gate};
-use crate::diagnosis::DataSet;
+use crate::diagnosis::{DataSet, Verdict};
 use num_complex::Complex64;
 use sim::{Hidden, campaign, exchange, model, points, series};
 use std::f64::consts::TAU;
@@ -123,6 +123,58 @@ fn damage_is_found_and_named() {
 }
 
 #[test]
+fn reasons_name_run_and_numbers() {
+    let mut set = campaign(&Hidden::default(), 1);
+    series(&mut set, "pulse_0").current_a.iter_mut().for_each(|i| *i *= 1e3);
+    lag(&mut set, "discharge_1", 1.5);
+    series(&mut set, "profile_1").time_s[9] = 2.0;
+    let texts: Vec<String> = look(&set).invalid.iter().map(ToString::to_string).collect();
+    let [back, unit, late] = texts.as_slice() else { panic!("{texts:?}") };
+    assert_eq!(back, "profile_1: its times go back: after 2.06 s comes 2 s (sample 10)");
+    assert!(
+        unit.starts_with("pulse_0: steps of its current meet ") && unit.ends_with(" mΩ where 9.19 mΩ are expected: mA for A?"),
+        "{unit}"
+    );
+    assert!(
+        late.starts_with("discharge_1: its logged current lags by 1.")
+            && late.ends_with(" s behind the voltage, the other records' does not"),
+        "{late}"
+    );
+}
+
+#[test]
+fn what_was_let_pass_is_noted() {
+    let slow = Hidden { lag_s: 1.5, ..Hidden::default() };
+    let notes = look(&campaign(&slow, 1)).notes;
+    assert!(notes.len() == 1 && notes[0].starts_with("the logged current of 9 records lags behind the voltage, by 1."), "{notes:?}");
+}
+
+#[test]
+fn without_history_the_rest_still_works() {
+    let mut set = campaign(&Hidden::default(), 1);
+    set.history = None;
+    assert_eq!(look(&set), GateReport::default());
+    series(&mut set, "pulse_0").current_a.iter_mut().for_each(|i| *i = -*i);
+    clip(&mut set, "discharge_1", 0.4);
+    drift(&mut set, "eis_1", 0.15);
+    let expected = [(Check::Sign, "pulse_0"), (Check::KramersKronig, "eis_1"), (Check::Clipped, "discharge_1")];
+    assert_eq!(found(&set), expected.map(|(check, run)| (check, run.to_owned())));
+}
+
+#[test]
+fn refused_data_end_as_invalid() {
+    let mut set = campaign(&Hidden::default(), 1);
+    let unreadable = vec![super::Reason::unreadable("lost", "no such bytes")];
+    let clean = super::diagnose_gated(&set, unreadable, &model(), &Default::default()).unwrap().diagnosis;
+    assert_eq!((clean.verdict, clean.summary.as_str()), (Verdict::Invalid, "The data cannot be used. lost: no such bytes."));
+    clip(&mut set, "pulse_2", 0.4);
+    let refused = super::diagnose_gated(&set, Vec::new(), &model(), &Default::default()).unwrap().diagnosis;
+    assert!(refused.verdict == Verdict::Invalid && refused.summary.contains("pulse_2: its voltage is clipped"), "{}", refused.summary);
+    let json = serde_json::to_value(&refused).unwrap();
+    assert_eq!((&json["verdict"], &json["quality"]["base_chi2"]), (&"invalid".into(), &serde_json::Value::Null));
+}
+
+#[test]
 fn clean_campaigns_pass() {
     for seed in 0..12 {
         let report = look(&campaign(&Hidden::default(), seed));
@@ -134,8 +186,6 @@ fn clean_campaigns_pass() {
 #[test]
 fn hidden_effects_pass() {
     let spectrum = |more: fn(f64, Complex64) -> Complex64| Hidden { spectrum: Some(more), ..Hidden::default() };
-    let j = Complex64::i();
-    let _ = j;
     let cases: Vec<(&str, Hidden)> = vec![
         ("heat", Hidden { heat: true, ..Hidden::default() }),
         ("hysteresis", Hidden { hysteresis_v: 0.02, ..Hidden::default() }),
