@@ -152,6 +152,12 @@ pub struct FitArgs {
     /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis' `freq,offset,resistance,theta`.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    /// Leave out what is below this frequency, Hz.
+    #[arg(long, default_value_t = 0.0, value_name = "HZ")]
+    pub from_hz: f64,
+    /// Leave out what is above this frequency, Hz.
+    #[arg(long, default_value_t = f64::INFINITY, value_name = "HZ", hide_default_value = true)]
+    pub to_hz: f64,
     /// One fit over all spectra instead of one for each.
     #[arg(long)]
     pub pool: bool,

@@ -134,6 +134,9 @@ impl Block {
                     return Err(fail("a record in time of a cell", "one of a control".to_owned()));
                 }
                 let time = TimeBlock::new(record);
+                if time.bins.is_empty() {
+                    return Err(fail("samples that are compared", format!("none from {} s on", record.compared_from_s)));
+                }
                 let measured = time.average(&time.voltage_v);
                 (Kind::Time(Box::new(time)), measured)
             }
@@ -196,9 +199,16 @@ impl TimeBlock {
         let time_s: Vec<f64> = s.time_s.iter().map(|t| t - start_s).collect();
         let linear = record.between == crate::augmented::Between::Linear;
         let edges = edges(&s.current_a);
-        let bins = bins(&time_s, &s.current_a, &edges);
+        let mut bins = bins(&time_s, &s.current_a, &edges);
+        let compared = time_s.partition_point(|t| *t < record.compared_from_s - start_s);
+        bins.retain(|b| b.from >= compared);
         let grid = Grid::new(&time_s, record.between);
         Self { time_s, current_a: s.current_a.clone(), voltage_v: s.voltage_v.clone(), linear, grid, bins, edges }
+    }
+
+    /// Samples that are compared.
+    pub(super) fn compared(&self) -> std::ops::Range<usize> {
+        self.bins.first().map_or(0, |b| b.from)..self.time_s.len()
     }
 
     /// Means over the bins.

@@ -107,6 +107,8 @@ pub struct TimeRecord {
     pub series: TimeSeries,
     /// What the current does between two samples.
     pub between: Between,
+    /// Samples before this time are played but not compared, s: a record that begins under current has to settle first.
+    pub compared_from_s: f64,
 }
 
 /// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data sheets, zero checks.

@@ -195,7 +195,10 @@ fn judge(d: &mut Diagnosis, selection: &Selection, (moved, held_out_z): (Option<
     let fits = d.quality.augmented_z < GOOD_FIT_Z && held_out_z < GOOD_FIT_Z && quiet;
     let names: Vec<&str> = d.effects.iter().map(|e| e.title).collect();
     if !d.noise.from_repeats {
-        d.notes.push("fewer than three repeats of any run: the noise is assumed, so that no noise floor can be claimed".to_owned());
+        d.notes.push(
+            "fewer than three repeats of any spectrum or any record: the noise is assumed, so that no noise floor can be claimed"
+                .to_owned(),
+        );
     }
     if let Some(reason) = moved {
         d.verdict = Verdict::Unexplained;
@@ -242,10 +245,13 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (sum / count.max(1) as f64).sqrt()
 }
 
-/// Per-sample predictions of a record.
+/// Predictions of a record's samples that are compared.
 fn samples(problem: &Problem, (structure, x): (&Structure, &[f64]), block: usize, desk: &mut Desk) -> Vec<f64> {
     let _ = problem.predict((structure, x), block, 1, desk);
-    desk.voltage_v.clone()
+    match &problem.blocks[block].kind {
+        Kind::Time(time) => desk.voltage_v[time.compared()].to_vec(),
+        Kind::Eis { .. } => Vec::new(),
+    }
 }
 
 pub(super) fn gaps(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mut Desk) -> Vec<Gap> {
@@ -258,7 +264,7 @@ pub(super) fn gaps(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), 
         let Kind::Time(time) = &block.kind else { continue };
         let mut gap = |at: (&Structure, &[f64])| {
             let predicted = samples(problem, at, k, desk);
-            1e3 * rms(predicted.iter().zip(&time.voltage_v).map(|(p, m)| p - m))
+            1e3 * rms(predicted.iter().zip(&time.voltage_v[time.compared()]).map(|(p, m)| p - m))
         };
         gaps.push(Gap {
             run: block.name.clone(),
@@ -333,9 +339,9 @@ fn curves(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mu
                 Kind::Time(time) => {
                     let [eis_only_v, base_v, augmented_v] = all.map(|at| samples(problem, at, k, desk));
                     Curves::Time {
-                        time_s: time.time_s.clone(),
-                        current_a: time.current_a.clone(),
-                        measured_v: time.voltage_v.clone(),
+                        time_s: time.time_s[time.compared()].to_vec(),
+                        current_a: time.current_a[time.compared()].to_vec(),
+                        measured_v: time.voltage_v[time.compared()].to_vec(),
                         eis_only_v,
                         base_v,
                         augmented_v,

@@ -247,7 +247,8 @@ fn stretches(time: &TimeBlock) -> impl Iterator<Item = (usize, usize)> {
     (0..starts.len()).map(move |k| (starts[k], starts.get(k + 1).copied().unwrap_or(end)))
 }
 
-/// What it does to the rows when an edge lies anywhere between two samples, one standard deviation: the step response's change over that time.
+/// What it does to the rows when an edge lies anywhere between two samples, one standard deviation: the step response's change over that time. The
+/// first sample after the edge may be read while the current still changes: its voltage may lack any part of the series resistance's drop.
 fn edge_shift(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
     let (step_s, step_a) = (time.time_s[edge] - time.time_s[edge - 1], time.current_a[edge] - time.current_a[edge - 1]);
     let at_s = time.time_s[edge] - 0.5 * step_s;
@@ -259,7 +260,8 @@ fn edge_shift(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
                 return 0.0;
             }
             let change = |tau_s: f64| (-(t - 0.5 * step_s).max(0.0) / tau_s).exp() - (-(t + 0.5 * step_s) / tau_s).exp();
-            UNIFORM * step_a * base.erm.branches.iter().map(|b| b.r_ohm * change(b.time_constant_s())).sum::<f64>()
+            let series_ohm = if b.from <= edge && edge < b.to { base.erm.r_ohm / (b.to - b.from) as f64 } else { 0.0 };
+            UNIFORM * step_a * (series_ohm + base.erm.branches.iter().map(|b| b.r_ohm * change(b.time_constant_s())).sum::<f64>())
         })
         .collect()
 }
@@ -280,7 +282,7 @@ pub(super) struct Estimate {
     pub(super) z: [Option<f64>; TERMS.len()],
     /// (χ² − dof)/√(2·dof) of the differences between repeats; none without repeats.
     pub(super) repeat_z: Option<f64>,
-    /// Most repeats of any group.
+    /// Most repeats of any group of spectra or of records, whichever are fewer.
     pub(super) repeats: usize,
 }
 
@@ -290,7 +292,8 @@ pub(super) fn estimate(blocks: &[Block], shapes: &[Shape], residuals: &[Vec<f64>
     for (k, b) in blocks.iter().enumerate() {
         members.entry((&b.group, b.rows())).or_default().push(k);
     }
-    let repeats = members.values().map(Vec::len).max().unwrap_or(0);
+    let most = |eis: bool| members.values().filter(|m| matches!(blocks[m[0]].kind, Kind::Eis { .. }) == eis).map(Vec::len).max();
+    let repeats = most(true).into_iter().chain(most(false)).min().unwrap_or(0);
     let mut groups: Vec<Group<'_>> = members
         .values()
         .filter(|m| m.len() > 1)

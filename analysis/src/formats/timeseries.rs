@@ -4,6 +4,7 @@
 //! |---|---|---|
 //! | the bench's own, CSV or Parquet | `time_s,voltage_v,current_a`, perhaps `temperature_c` | charge positive |
 //! | BDF, CSV or Parquet | `Test Time / s`, `Voltage / V`, `Current / A`, perhaps `Surface Temperature T1 / degC` | charge positive (BDF fixes none; cyclers use it) |
+//! | Arbin's CSV | `Test_Time(s)`, `Voltage(V)`, `Current(A)`, perhaps `Aux_Temperature_1(C)` | charge positive |
 //! | the thesis' cycler, CSV | `Time,Voltage,Current`, perhaps `Temperature` | magnitudes: discharge when the file name has `discharge` in it, charge when it has `charge` |
 //!
 //! [`SeriesOptions::sign`] overrules the table. What is read is positive for discharge. Rows whose voltage or current is empty or NaN were not
@@ -62,7 +63,7 @@ pub enum SeriesReadError {
     Text(#[from] FormatError),
     /// Columns of no known format.
     #[error(
-        "{}{place}: expected the columns \"time_s,voltage_v,current_a\", \"Test Time / s,Voltage / V,Current / A\" or \"Time,Voltage,Current\", met {met}",
+        "{}{place}: expected the columns \"time_s,voltage_v,current_a\", \"Test Time / s,Voltage / V,Current / A\", \"Test_Time(s),Voltage(V),Current(A)\" or \"Time,Voltage,Current\", met {met}",
         file.display()
     )]
     UnknownFormat {
@@ -121,9 +122,10 @@ struct Known {
     sign: Option<CurrentSign>,
 }
 
-const KNOWN: [Known; 3] = [
+const KNOWN: [Known; 4] = [
     Known { names: ["time_s", "voltage_v", "current_a", "temperature_c"], sign: Some(CurrentSign::Charge) },
     Known { names: ["Test Time / s", "Voltage / V", "Current / A", "Surface Temperature T1 / degC"], sign: Some(CurrentSign::Charge) },
+    Known { names: ["Test_Time(s)", "Voltage(V)", "Current(A)", "Aux_Temperature_1(C)"], sign: Some(CurrentSign::Charge) },
     Known { names: ["Time", "Voltage", "Current", "Temperature"], sign: None },
 ];
 
@@ -326,8 +328,8 @@ mod tests {
             ),
             (
                 "t,u,i\n0,4.1,1\n",
-                ", line 1: expected the columns \"time_s,voltage_v,current_a\", \"Test Time / s,Voltage / V,Current / A\" or \
-                 \"Time,Voltage,Current\", met \"t,u,i\"",
+                ", line 1: expected the columns \"time_s,voltage_v,current_a\", \"Test Time / s,Voltage / V,Current / A\", \
+                 \"Test_Time(s),Voltage(V),Current(A)\" or \"Time,Voltage,Current\", met \"t,u,i\"",
             ),
         ] {
             let (path, result) = read("discharge.csv", text.as_bytes(), SeriesOptions::default());

@@ -21,12 +21,14 @@ pub struct OcvOptions {
     pub intervals: usize,
     /// Order of a polynomial besides, where one is wanted.
     pub polynomial: Option<usize>,
+    /// The mean of both directions instead of the discharge, where there is a charge: a curve for a cell with hysteresis.
+    pub mean: bool,
 }
 
 impl Default for OcvOptions {
     /// The thesis' 15 mΩ and 2.5–4.2 V.
     fn default() -> Self {
-        Self { dcir_ohm: 0.015, limits_v: (2.5, 4.2), intervals: 200, polynomial: None }
+        Self { dcir_ohm: 0.015, limits_v: (2.5, 4.2), intervals: 200, polynomial: None, mean: false }
     }
 }
 
@@ -123,8 +125,15 @@ pub fn extract(discharge: &TimeSeries, charge: Option<&TimeSeries>, options: &Oc
     let down = branch(discharge, 1.0, options)?;
     let short = || ExtractError::TooShort { name: discharge.name.clone(), direction: "discharge", expected: 8, met: down.points.len() };
     let spline = smooth(&down.points, options.intervals).ok_or_else(short)?;
-    let curve = to_curve(&spline, down.capacity_ah)?;
-    let hysteresis = charge.map(|series| hysteresis(&curve, series, options)).transpose()?;
+    let mut curve = to_curve(&spline, down.capacity_ah)?;
+    let mut hysteresis = None;
+    if let Some(series) = charge {
+        let up = Up::new(series, &curve, options)?;
+        hysteresis = Some(up.half_difference(&curve));
+        if options.mean {
+            curve = up.mean(&curve)?;
+        }
+    }
     let polynomial = options.polynomial.and_then(|order| OcvPolynomial::through(&curve, order));
     let mut warnings = warnings(&down, options);
     warnings.extend(polynomial.iter().filter(|p| !p.falling_soc.is_empty()).map(OcvPolynomial::statement));
@@ -213,22 +222,46 @@ fn to_curve(spline: &Smoothed, capacity_ah: f64) -> Result<OcvCurve, OcvError> {
     Ok(curve)
 }
 
-/// Both directions are laid onto each other at the full end.
-fn hysteresis(curve: &OcvCurve, series: &TimeSeries, options: &OcvOptions) -> Result<Hysteresis, ExtractError> {
-    const GRID: u32 = 400;
-    let up = branch(series, -1.0, options)?;
-    let short = || ExtractError::TooShort { name: series.name.clone(), direction: "charge", expected: 8, met: up.points.len() };
-    let spline = to_curve(&smooth(&up.points, options.intervals).ok_or_else(short)?, up.capacity_ah)?;
-    let share = up.capacity_ah / curve.capacity_ah;
-    let low = (1.0 - share).max(0.0);
-    let mut halves: Vec<(f64, f64)> = (0..=GRID)
-        .map(|k| low + (1.0 - low) * f64::from(k) / f64::from(GRID))
-        .map(|z| (0.5 * (spline.voltage_v(1.0 - (1.0 - z) / share) - curve.voltage_v(z)), z))
-        .collect();
-    let max = halves.iter().copied().max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap_or((0.0, low));
-    halves.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let median_v = halves[halves.len() / 2].0;
-    Ok(Hysteresis { soc: (low, 1.0), current_a: up.current_a, median_v, max_v: max.0, max_at_soc: max.1 })
+/// The charge, laid onto the discharge at the full end.
+struct Up {
+    curve: OcvCurve,
+    current_a: f64,
+    /// Its charge over that of the discharge.
+    share: f64,
+}
+
+impl Up {
+    fn new(series: &TimeSeries, down: &OcvCurve, options: &OcvOptions) -> Result<Self, ExtractError> {
+        let up = branch(series, -1.0, options)?;
+        let short = || ExtractError::TooShort { name: series.name.clone(), direction: "charge", expected: 8, met: up.points.len() };
+        let curve = to_curve(&smooth(&up.points, options.intervals).ok_or_else(short)?, up.capacity_ah)?;
+        Ok(Self { curve, current_a: up.current_a, share: up.capacity_ah / down.capacity_ah })
+    }
+
+    fn half_difference_v(&self, down: &OcvCurve, soc: f64) -> f64 {
+        0.5 * (self.curve.voltage_v(1.0 - (1.0 - soc) / self.share) - down.voltage_v(soc))
+    }
+
+    fn half_difference(&self, down: &OcvCurve) -> Hysteresis {
+        const GRID: u32 = 400;
+        let low = (1.0 - self.share).max(0.0);
+        let mut halves: Vec<(f64, f64)> =
+            (0..=GRID).map(|k| low + (1.0 - low) * f64::from(k) / f64::from(GRID)).map(|z| (self.half_difference_v(down, z), z)).collect();
+        let max = halves.iter().copied().max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap_or((0.0, low));
+        halves.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let median_v = halves[halves.len() / 2].0;
+        Hysteresis { soc: (low, 1.0), current_a: self.current_a, median_v, max_v: max.0, max_at_soc: max.1 }
+    }
+
+    fn mean(&self, down: &OcvCurve) -> Result<OcvCurve, OcvError> {
+        let mut highest_v = f64::NEG_INFINITY;
+        let middle_v = |z: &f64| {
+            highest_v = highest_v.max(down.voltage_v(*z) + self.half_difference_v(down, *z));
+            highest_v
+        };
+        let ocv_v = down.soc.iter().map(middle_v).collect();
+        OcvCurve::monotone(down.capacity_ah, down.soc.clone(), ocv_v)
+    }
 }
 
 fn warnings(down: &Branch, options: &OcvOptions) -> Vec<String> {
@@ -295,6 +328,8 @@ mod tests {
             assert!((m - slope).abs() < 0.05 * slope + 0.02 || !(3..=97).contains(&k), "slope at {z}: {m} against {slope}");
         }
         assert!(found.curve.slope_v.iter().all(|m| *m >= 0.0));
+        let mean = extract(&slow(1.0, 1), Some(&slow(-1.0, 2)), &OcvOptions { mean: true, ..options }).unwrap().curve;
+        assert!((5..=95).all(|k| (mean.voltage_v(f64::from(k) / 100.0) - truth(f64::from(k) / 100.0)).abs() < 2e-4), "{mean:?}");
         let h = found.charge.unwrap();
         assert!((h.median_v - 0.01).abs() < 2e-4 && (h.max_v - 0.01).abs() < 1e-3, "{h:?}");
         assert!(found.polynomial.unwrap().rms_v < 0.02);

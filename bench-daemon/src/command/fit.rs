@@ -105,7 +105,12 @@ pub(super) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum
     let mut others = Vec::new();
     let mut passed_over = Vec::new();
     for file in &args.files {
-        for sourced in read_sourced(file).map_err(|error| Failure::Usage(error.to_string()))? {
+        for mut sourced in read_sourced(file).map_err(|error| Failure::Usage(error.to_string()))? {
+            sourced.spectrum.points.retain(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
+            if sourced.spectrum.points.is_empty() {
+                let met = format!("none from {} Hz to {} Hz", args.from_hz, args.to_hz);
+                return Err(Failure::Usage(format!("{}: expected frequencies to be fitted, found {met}", file.display())));
+            }
             if sourced.origin.is_unbiased_cell() {
                 cells.push(sourced);
             } else {

@@ -27,6 +27,9 @@ pub struct OcvArgs {
     /// A charge (may be the same file): half the difference of both directions.
     #[arg(long, value_name = "FILE")]
     pub charge: Option<PathBuf>,
+    /// The mean of both directions as the curve, for a cell with hysteresis.
+    #[arg(long, requires = "charge")]
+    pub mean: bool,
     /// Resistance that the load's voltage drop is compensated with, Ω.
     #[arg(long, default_value_t = 0.015, value_name = "OHM")]
     pub dcir_ohm: f64,
@@ -58,7 +61,7 @@ pub fn ocv(args: &OcvArgs) -> Result<(), Failure> {
     let discharge = read(&args.discharge, args.positive)?;
     let charge = args.charge.as_deref().map(|path| read(path, args.positive)).transpose()?;
     let limits_v = (args.low_v, args.high_v);
-    let options = OcvOptions { dcir_ohm: args.dcir_ohm, limits_v, polynomial: args.poly, ..OcvOptions::default() };
+    let options = OcvOptions { dcir_ohm: args.dcir_ohm, limits_v, polynomial: args.poly, mean: args.mean, ..OcvOptions::default() };
     let found = extract(&discharge, charge.as_ref(), &options).map_err(|error| Failure::Usage(error.to_string()))?;
     if let Some(folder) = &args.out {
         write(folder, &discharge, (&found, &options))?;

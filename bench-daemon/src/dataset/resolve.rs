@@ -148,7 +148,14 @@ impl Resolver<'_> {
             let (first, last) = ends(series);
             at.complain("from_s", format!("expected two samples or more from `from_s` to `to_s`; the file holds {first} s to {last} s"))
         })?;
-        Ok(Ok(RunData::Time(TimeRecord { series: part, between: entry.current_between_samples.unwrap_or(Between::Linear) })))
+        // In the time of the part, whose first sample is at zero.
+        let begun_s = series.time_s.iter().copied().find(|t| *t >= from_s.unwrap_or(f64::NEG_INFINITY)).unwrap_or(0.0);
+        let compared_from_s = at.finite("compare_from_s", entry.compare_from_s)?.map_or(0.0, |t| (t - begun_s).max(0.0));
+        if part.time_s.last().is_none_or(|last| *last < compared_from_s) {
+            return Err(at.complain("compare_from_s", format!("expected samples after it, found none up to {} s", ends(&part).1 + begun_s)));
+        }
+        let between = entry.current_between_samples.unwrap_or(Between::Linear);
+        Ok(Ok(RunData::Time(TimeRecord { series: part, between, compared_from_s })))
     }
 }
 
@@ -173,7 +180,14 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<RunData, String>, Confi
     let amplitude_a = at.positive("amplitude_a", entry.amplitude_a)?;
     let bias_a = stated_a.or(chosen.origin.bias_a).unwrap_or(0.0);
     // −0 and 0 are one bias.
-    Ok(Ok(RunData::Eis(files::sweep(&chosen.spectrum, 0.0 - bias_a, amplitude_a))))
+    let mut sweep = files::sweep(&chosen.spectrum, 0.0 - bias_a, amplitude_a);
+    let from_hz = at.positive("from_hz", entry.from_hz)?.unwrap_or(0.0);
+    let to_hz = at.positive("to_hz", entry.to_hz)?.unwrap_or(f64::INFINITY);
+    sweep.points.retain(|p| (from_hz..=to_hz).contains(&p.freq_hz));
+    if sweep.points.is_empty() {
+        return Err(at.complain("from_hz", "expected frequencies of the sweep from `from_hz` to `to_hz`, found none"));
+    }
+    Ok(Ok(RunData::Eis(sweep)))
 }
 
 /// The spectrum of a name; else the only one; else the only one at this bias.
@@ -256,6 +270,7 @@ impl At<'_> {
                 vec![
                     ("from_s", entry.from_s.is_some()),
                     ("to_s", entry.to_s.is_some()),
+                    ("compare_from_s", entry.compare_from_s.is_some()),
                     ("current_between_samples", entry.current_between_samples.is_some()),
                 ],
             ),
@@ -263,6 +278,8 @@ impl At<'_> {
                 "time",
                 vec![
                     ("bias_a", entry.bias_a.is_some()),
+                    ("from_hz", entry.from_hz.is_some()),
+                    ("to_hz", entry.to_hz.is_some()),
                     ("amplitude_a", entry.amplitude_a.is_some()),
                     ("spectrum", entry.spectrum.is_some()),
                 ],

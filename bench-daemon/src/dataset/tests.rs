@@ -181,7 +181,11 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
         name: "whole".to_owned(),
         runs: vec![
             run("sweep", Fixture::FakeCell(0.00375), RunData::Eis(sweep)),
-            run("a pulse, 20 A", Fixture::Cell("P45B 3".to_owned()), RunData::Time(TimeRecord { series, between: Between::Hold })),
+            run(
+                "a pulse, 20 A",
+                Fixture::Cell("P45B 3".to_owned()),
+                RunData::Time(TimeRecord { series, between: Between::Hold, compared_from_s: 0.0 }),
+            ),
         ],
         history: Some(history),
     };

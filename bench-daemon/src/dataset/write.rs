@@ -58,9 +58,11 @@ fn entry(run: &Run, file: &str) -> String {
         Start::Ocv(ocv_v) => ("ocv_v", json!(ocv_v)),
     };
     let (kind, of_kind) = match &run.data {
-        RunData::Time(record) => ("time", ("current_between_samples", json!(record.between))),
+        RunData::Time(record) => {
+            ("time", vec![("current_between_samples", json!(record.between)), ("compare_from_s", json!(record.compared_from_s))])
+        }
         // −0 and 0 are one bias.
-        RunData::Eis(sweep) => ("eis", ("bias_a", json!(0.0 - sweep.bias_a))),
+        RunData::Eis(sweep) => ("eis", vec![("bias_a", json!(0.0 - sweep.bias_a))]),
     };
     let fields = [
         ("name", json!(run.name)),
@@ -75,9 +77,8 @@ fn entry(run: &Run, file: &str) -> String {
         ("start_s", json!(run.start_s)),
         ("role", json!(run.role)),
         ("current_positive", json!("charge")),
-        of_kind,
     ];
-    table("[[runs]]", fields.iter().map(|(name, value)| (*name, value)))
+    table("[[runs]]", fields.iter().chain(&of_kind).map(|(name, value)| (*name, value)))
 }
 
 fn history(bench: &BenchHistory) -> Option<String> {
