@@ -42,6 +42,7 @@ pub(super) struct TimeBlock {
     pub(super) current_a: Vec<f64>,
     pub(super) voltage_v: Vec<f64>,
     pub(super) linear: bool,
+    pub(super) level_sigma_v: f64,
     pub(super) grid: Grid,
     pub(super) bins: Vec<Bin>,
     /// First samples of stretches between edges.
@@ -203,7 +204,16 @@ impl TimeBlock {
         let compared = time_s.partition_point(|t| *t < record.compared_from_s - start_s);
         bins.retain(|b| b.from >= compared);
         let grid = Grid::new(&time_s, record.between);
-        Self { time_s, current_a: s.current_a.clone(), voltage_v: s.voltage_v.clone(), linear, grid, bins, edges }
+        Self {
+            time_s,
+            current_a: s.current_a.clone(),
+            voltage_v: s.voltage_v.clone(),
+            linear,
+            level_sigma_v: record.level_sigma_v,
+            grid,
+            bins,
+            edges,
+        }
     }
 
     /// Samples that are compared.

@@ -109,6 +109,9 @@ pub struct TimeRecord {
     pub between: Between,
     /// Samples before this time are played but not compared, s: a record that begins under current has to settle first.
     pub compared_from_s: f64,
+    /// Standard deviation of the level beyond the bench's, V: where the open-circuit voltage at the start is not known. Above zero, gaps are taken about
+    /// their mean.
+    pub level_sigma_v: f64,
 }
 
 /// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data sheets, zero checks.

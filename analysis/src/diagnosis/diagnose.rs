@@ -4,7 +4,7 @@ use super::block::{DataSetError, Desk, Kind};
 use super::data::{DataSet, Role};
 use super::guards::{GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
 use super::localise::localise;
-use super::noise::TERMS;
+use super::noise::{TERMS, Term};
 use super::outcome::{
     Block, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, FittedParameter, Gap, NamedEffect, NoiseReport, NoiseTerm,
     Quality, Rival, RunCurves, SpectrumGap, Verdict,
@@ -264,7 +264,10 @@ pub(super) fn gaps(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), 
         let Kind::Time(time) = &block.kind else { continue };
         let mut gap = |at: (&Structure, &[f64])| {
             let predicted = samples(problem, at, k, desk);
-            1e3 * rms(predicted.iter().zip(&time.voltage_v[time.compared()]).map(|(p, m)| p - m))
+            let missed: Vec<f64> = predicted.iter().zip(&time.voltage_v[time.compared()]).map(|(p, m)| p - m).collect();
+            let mean = missed.iter().sum::<f64>() / missed.len() as f64;
+            let level = if time.level_sigma_v > 0.0 { mean } else { 0.0 };
+            1e3 * rms(missed.iter().map(|v| v - level))
         };
         gaps.push(Gap {
             run: block.name.clone(),
@@ -280,10 +283,12 @@ pub(super) fn gaps(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), 
 /// Standard deviation per sample: the rows' own, with the white noise of a single sample instead of the mean's.
 fn sample_floor(prepared: &Prepared, block: usize, time: &super::block::TimeBlock) -> Vec<f64> {
     let white = prepared.sample_noise_v.powi(2);
+    // A level that is free is no part of a gap about the mean.
+    let level = if time.level_sigma_v > 0.0 { time.level_sigma_v.powi(2) + prepared.estimate.variance(Term::Level) } else { 0.0 };
     let mut floor = Vec::with_capacity(time.voltage_v.len());
     for (bin, sigma) in time.bins.iter().zip(&prepared.problem.floors[block]) {
         let count = (bin.to - bin.from) as f64;
-        floor.extend(std::iter::repeat_n((sigma * sigma + white * (1.0 - 1.0 / count)).max(0.0).sqrt(), bin.to - bin.from));
+        floor.extend(std::iter::repeat_n((sigma * sigma - level + white * (1.0 - 1.0 / count)).max(0.0).sqrt(), bin.to - bin.from));
     }
     floor
 }

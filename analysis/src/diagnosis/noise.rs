@@ -5,7 +5,7 @@
 //! likelihood on the differences between repeats, in which whatever the model lacks cancels: the misfit is never used. The bench's history is the
 //! prior.
 
-use super::block::{Block, Desk, Kind, TimeBlock};
+use super::block::{Bin, Block, Desk, Kind, TimeBlock};
 use super::data::BenchHistory;
 use super::whitening::{Whitener, dot};
 use crate::augmented::network;
@@ -156,7 +156,10 @@ impl Shape {
             known.extend(stretches(time).map(|(from, to)| respond(&|k, _| if (from..to).contains(&k) { step_a } else { 0.0 }, 1.0)));
         }
         if time.linear {
-            known.extend(time.edges.iter().skip(1).map(|edge| edge_shift(time, *edge, base)));
+            known.extend(time.edges.iter().skip(1).flat_map(|edge| [edge_shift(time, *edge, base), edge_lag(time, *edge, base)]));
+        }
+        if time.level_sigma_v > 0.0 {
+            known.push(vec![time.level_sigma_v; n]);
         }
         let correlation = |i: usize, j: usize| (-(time.bins[i].time_s - time.bins[j].time_s).abs() / h.voltage_drift_s.max(1e-3)).exp();
         Self {
@@ -266,6 +269,14 @@ fn edge_shift(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
         .collect()
 }
 
+/// What it does to the later rows when the logger's voltage channel averages over about a sampling interval, one standard deviation: what the series
+/// resistance drops at the edge comes late, e-fold by interval.
+fn edge_lag(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
+    let (step_s, step_a) = (time.time_s[edge] - time.time_s[edge - 1], time.current_a[edge] - time.current_a[edge - 1]);
+    let late = |b: &Bin| if b.from <= edge { 0.0 } else { ((time.time_s[edge] - b.time_s) / step_s).exp() };
+    time.bins.iter().map(|b| UNIFORM * step_a * base.erm.r_ohm * late(b)).collect()
+}
+
 /// Repeats of one group: their shape and the differences between them.
 struct Group<'a> {
     shape: &'a Shape,
@@ -284,6 +295,13 @@ pub(super) struct Estimate {
     pub(super) repeat_z: Option<f64>,
     /// Most repeats of any group of spectra or of records, whichever are fewer.
     pub(super) repeats: usize,
+}
+
+impl Estimate {
+    /// Variance of a term.
+    pub(super) fn variance(&self, term: Term) -> f64 {
+        (2.0 * self.log_sigmas[term as usize]).exp()
+    }
 }
 
 /// σ's from the repeats among blocks; `residuals` are measured less predicted rows of each block.

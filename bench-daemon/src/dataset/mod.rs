@@ -16,6 +16,7 @@
 //! | `current_between_samples` | `hold` or `linear` | `linear` |
 //! | `from_s`, `to_s` | part of a long record, in its own time; begins at rest | all |
 //! | `compare_from_s` | samples before it, in the file's time, are played but not compared: for a record that begins under current | all are |
+//! | `level_sigma_v` | how badly the open-circuit voltage at the start is known, V; gaps are then taken about their mean | 0 |
 //! | `from_hz`, `to_hz` | part of a sweep | all |
 //! | `bias_a`, `amplitude_a` | direct current and amplitude of a sweep | as the file tells, else 0 and unknown |
 //! | `spectrum` | which one, where the file holds several; else the one at `bias_a` | |

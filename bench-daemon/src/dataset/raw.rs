@@ -39,6 +39,7 @@ pub(super) struct Run {
     pub(super) from_s: Option<f64>,
     pub(super) to_s: Option<f64>,
     pub(super) compare_from_s: Option<f64>,
+    pub(super) level_sigma_v: Option<f64>,
     pub(super) from_hz: Option<f64>,
     pub(super) to_hz: Option<f64>,
     pub(super) bias_a: Option<f64>,

@@ -154,8 +154,9 @@ impl Resolver<'_> {
         if part.time_s.last().is_none_or(|last| *last < compared_from_s) {
             return Err(at.complain("compare_from_s", format!("expected samples after it, found none up to {} s", ends(&part).1 + begun_s)));
         }
+        let level_sigma_v = at.positive("level_sigma_v", entry.level_sigma_v)?.unwrap_or(0.0);
         let between = entry.current_between_samples.unwrap_or(Between::Linear);
-        Ok(Ok(RunData::Time(TimeRecord { series: part, between, compared_from_s })))
+        Ok(Ok(RunData::Time(TimeRecord { series: part, between, compared_from_s, level_sigma_v })))
     }
 }
 
@@ -271,6 +272,7 @@ impl At<'_> {
                     ("from_s", entry.from_s.is_some()),
                     ("to_s", entry.to_s.is_some()),
                     ("compare_from_s", entry.compare_from_s.is_some()),
+                    ("level_sigma_v", entry.level_sigma_v.is_some()),
                     ("current_between_samples", entry.current_between_samples.is_some()),
                 ],
             ),

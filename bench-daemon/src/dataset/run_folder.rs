@@ -150,7 +150,7 @@ impl Reader<'_> {
             start_s: entry.start_time_s - first_s,
             temperature_c,
             start: Start::Ocv(entry.start_ocv_v),
-            data: RunData::Time(TimeRecord { series, between: entry.current_between_samples, compared_from_s: 0.0 }),
+            data: RunData::Time(TimeRecord { series, between: entry.current_between_samples, compared_from_s: 0.0, level_sigma_v: 0.0 }),
         });
         Ok(())
     }

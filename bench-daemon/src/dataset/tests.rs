@@ -184,7 +184,7 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
             run(
                 "a pulse, 20 A",
                 Fixture::Cell("P45B 3".to_owned()),
-                RunData::Time(TimeRecord { series, between: Between::Hold, compared_from_s: 0.0 }),
+                RunData::Time(TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0 }),
             ),
         ],
         history: Some(history),

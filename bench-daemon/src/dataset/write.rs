@@ -59,7 +59,10 @@ fn entry(run: &Run, file: &str) -> String {
     };
     let (kind, of_kind) = match &run.data {
         RunData::Time(record) => {
-            ("time", vec![("current_between_samples", json!(record.between)), ("compare_from_s", json!(record.compared_from_s))])
+            let mut fields = vec![("current_between_samples", json!(record.between)), ("compare_from_s", json!(record.compared_from_s))];
+            // None is said by leaving it out.
+            fields.extend((record.level_sigma_v > 0.0).then(|| ("level_sigma_v", json!(record.level_sigma_v))));
+            ("time", fields)
         }
         // −0 and 0 are one bias.
         RunData::Eis(sweep) => ("eis", vec![("bias_a", json!(0.0 - sweep.bias_a))]),

@@ -63,7 +63,7 @@ pub fn run(run: &hidden::Run) -> Run {
                 voltage_v: voltage_v.clone(),
                 temperature_c: temperature_c.clone(),
             };
-            RunData::Time(TimeRecord { series, between: Between::Hold, compared_from_s: 0.0 })
+            RunData::Time(TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0 })
         }
     };
     Run {

@@ -14,6 +14,7 @@ mod kk;
 mod mock_process;
 mod ocv_joint;
 mod ranging;
+mod real_data;
 mod simulate;
 mod support;
 mod traces;
