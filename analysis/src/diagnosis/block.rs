@@ -194,7 +194,7 @@ pub(super) struct Desk {
 }
 
 impl TimeBlock {
-    fn new(record: &super::data::TimeRecord) -> Self {
+    pub(super) fn new(record: &super::data::TimeRecord) -> Self {
         let s = &record.series;
         let start_s = s.time_s[0];
         let time_s: Vec<f64> = s.time_s.iter().map(|t| t - start_s).collect();

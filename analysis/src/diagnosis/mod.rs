@@ -4,6 +4,7 @@ mod block;
 mod data;
 mod diagnose;
 mod distinguish;
+mod edges;
 pub mod gate;
 mod guards;
 mod localise;

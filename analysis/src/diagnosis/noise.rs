@@ -5,8 +5,9 @@
 //! likelihood on the differences between repeats, in which whatever the model lacks cancels: the misfit is never used. The bench's history is the
 //! prior.
 
-use super::block::{Bin, Block, Desk, Kind, TimeBlock};
+use super::block::{Block, Desk, Kind, TimeBlock};
 use super::data::BenchHistory;
+use super::edges::{self, UNIFORM};
 use super::whitening::{Whitener, dot};
 use crate::augmented::network;
 use crate::effects::Base;
@@ -21,8 +22,6 @@ const IGNORANCE_SPREAD: f64 = 1.5;
 const ITERATIONS: usize = 12;
 /// Stretches of constant current with an error of their own at most.
 const MOST_STRETCHES: usize = 40;
-/// 1/√12: standard deviation of a uniform error of one code, and of an edge anywhere between two samples.
-const UNIFORM: f64 = 0.288_675_134_594_812_9;
 
 /// The terms that are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -156,7 +155,7 @@ impl Shape {
             known.extend(stretches(time).map(|(from, to)| respond(&|k, _| if (from..to).contains(&k) { step_a } else { 0.0 }, 1.0)));
         }
         if time.linear {
-            known.extend(time.edges.iter().skip(1).flat_map(|edge| [edge_shift(time, *edge, base), edge_lag(time, *edge, base)]));
+            known.extend(time.edges.iter().skip(1).flat_map(|edge| edges::errors(time, *edge, base)));
         }
         if time.level_sigma_v > 0.0 {
             known.push(vec![time.level_sigma_v; n]);
@@ -248,33 +247,6 @@ fn stretches(time: &TimeBlock) -> impl Iterator<Item = (usize, usize)> {
     let starts: Vec<usize> = time.edges.iter().copied().step_by(every).collect();
     let end = time.current_a.len();
     (0..starts.len()).map(move |k| (starts[k], starts.get(k + 1).copied().unwrap_or(end)))
-}
-
-/// What it does to the rows when an edge lies anywhere between two samples, one standard deviation: the step response's change over that time. The
-/// first sample after the edge may be read while the current still changes: its voltage may lack any part of the series resistance's drop.
-fn edge_shift(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
-    let (step_s, step_a) = (time.time_s[edge] - time.time_s[edge - 1], time.current_a[edge] - time.current_a[edge - 1]);
-    let at_s = time.time_s[edge] - 0.5 * step_s;
-    time.bins
-        .iter()
-        .map(|b| {
-            let t = b.time_s - at_s;
-            if t < 0.0 {
-                return 0.0;
-            }
-            let change = |tau_s: f64| (-(t - 0.5 * step_s).max(0.0) / tau_s).exp() - (-(t + 0.5 * step_s) / tau_s).exp();
-            let series_ohm = if b.from <= edge && edge < b.to { base.erm.r_ohm / (b.to - b.from) as f64 } else { 0.0 };
-            UNIFORM * step_a * (series_ohm + base.erm.branches.iter().map(|b| b.r_ohm * change(b.time_constant_s())).sum::<f64>())
-        })
-        .collect()
-}
-
-/// What it does to the later rows when the logger's voltage channel averages over about a sampling interval, one standard deviation: what the series
-/// resistance drops at the edge comes late, e-fold by interval.
-fn edge_lag(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
-    let (step_s, step_a) = (time.time_s[edge] - time.time_s[edge - 1], time.current_a[edge] - time.current_a[edge - 1]);
-    let late = |b: &Bin| if b.from <= edge { 0.0 } else { ((time.time_s[edge] - b.time_s) / step_s).exp() };
-    time.bins.iter().map(|b| UNIFORM * step_a * base.erm.r_ohm * late(b)).collect()
 }
 
 /// Repeats of one group: their shape and the differences between them.

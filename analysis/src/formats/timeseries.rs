@@ -292,6 +292,8 @@ mod tests {
         let series = read("x.bdf.csv", text.as_bytes(), SeriesOptions::default()).1.unwrap();
         assert_eq!((series.current_a.as_slice(), series.time_s.as_slice()), ([2.0, -0.5].as_slice(), [0.0, 1.0].as_slice()));
         assert_eq!(series.temperature_c, None);
+        let arbin = "Data_Point,Test_Time(s),Current(A),Voltage(V)\n1,0,-2,4.1\n2,1,0.5,4.0\n";
+        assert_eq!(read("x.csv", arbin.as_bytes(), SeriesOptions::default()).1.unwrap().current_a, series.current_a);
         let mut frame = DataFrame::new_infer_height(vec![
             Series::new("Test Time / s".into(), [0i64, 1, 2]).into(),
             Series::new("Voltage / V".into(), [Some(4.1), Some(4.0), None]).into(),

@@ -77,6 +77,20 @@ fn one_spectrum_of_several_is_chosen_by_bias_or_name() {
 }
 
 #[test]
+fn parts_of_records_and_sweeps_are_taken() {
+    let run = |file: &str, more: &str| format!("name = \"d\"\n[[runs]]\nfile = {file}\nsoc = 0.5\ntemperature_c = 25\n{more}\n");
+    let set = read(&run("\"p.bdf.csv\"\nkind = \"time\"", "from_s = 10.5\ncompare_from_s = 12\nlevel_sigma_v = 0.02")).unwrap().set;
+    let record = series(&set.runs[0]);
+    assert_eq!((record.compared_from_s, record.level_sigma_v, record.series.time_s[0]), (1.0, 0.02, 0.0));
+    let whole = read(&run("\"s.csv\"\nkind = \"eis\"", "")).unwrap().set;
+    let all = points(&whole.runs[0]).points.clone();
+    let part = read(&run("\"s.csv\"\nkind = \"eis\"", &format!("to_hz = {}", all[0].freq_hz))).unwrap().set;
+    assert_eq!(points(&part.runs[0]).points, all[..1]);
+    let none = read(&run("\"s.csv\"\nkind = \"eis\"", "from_hz = 1e9")).unwrap_err();
+    assert_eq!(none, "dataset.toml:7: runs.1.from_hz: expected frequencies of the sweep from `from_hz` to `to_hz`, found none");
+}
+
+#[test]
 fn mistakes_name_file_line_and_field() {
     let good = "name = \"d\"\n[[runs]]\nfile = \"p.bdf.csv\"\nkind = \"time\"\nsoc = 0.5\ntemperature_c = 25\n";
     for (from, to, expected) in [
@@ -105,6 +119,12 @@ fn mistakes_name_file_line_and_field() {
             "temperature_c = 25\nfrom_s = 12.5",
             "dataset.toml:7: runs.1.from_s: expected two samples or more from `from_s` to `to_s`; the file holds 10 s to 13 s",
         ),
+        (
+            "temperature_c = 25",
+            "temperature_c = 25\ncompare_from_s = 14",
+            "dataset.toml:7: runs.1.compare_from_s: expected samples after it, found none up to 13 s",
+        ),
+        ("temperature_c = 25", "temperature_c = 25\nfrom_hz = 1", "dataset.toml:7: runs.1.from_hz: a run of kind `time` has no such field"),
         ("temperature_c = 25", "temperature_c = 25\nbias_a = 1", "dataset.toml:7: runs.1.bias_a: a run of kind `time` has no such field"),
         ("p.bdf.csv", "q.csv", "dataset.toml:3: runs.1.file: q.csv: expected a readable file of current and voltage over time"),
         ("p.bdf.csv", "s.csv", "dataset.toml:3: runs.1.file: s.csv, line 1: expected the columns"),

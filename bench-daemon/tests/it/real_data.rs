@@ -65,7 +65,11 @@ fn panasonic_lacks_diffusion_and_a_rest_stays_without_a_name() {
     within(gap_mv(&d, "2C"), [13.45, 8.51, 3.46]);
     within(gap_mv(&d, "6C"), [25.75, 16.86, 5.79]);
     // No repeats: whatever is left, it is not said to be noise.
-    assert!(d["noise"]["from_repeats"] == false && d["notes"][0].as_str().unwrap().contains("no noise floor can be claimed"), "{}", d["notes"]);
+    assert!(
+        d["noise"]["from_repeats"] == false && d["notes"][0].as_str().unwrap().contains("no noise floor can be claimed"),
+        "{}",
+        d["notes"]
+    );
 }
 
 #[test]
