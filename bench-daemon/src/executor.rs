@@ -129,6 +129,8 @@ pub struct Executor<'a> {
     /// What the step in work may expose the cell to.
     envelope: Limits,
     polls: u32,
+    /// What was clamped into the jig last.
+    mounted: Option<Fixture>,
     /// Number of the sweep, 0 for a control.
     repeat: usize,
     /// Points that the scope's memory was last set to.
@@ -165,6 +167,7 @@ impl<'a> Executor<'a> {
             trigger_v: Volts(0.0),
             envelope: experiment.cell.limits,
             polls: 0,
+            mounted: None,
             repeat: 0,
             memory_points: None,
             zero: None,
@@ -259,10 +262,13 @@ impl<'a> Executor<'a> {
                 let mounted = jig.mount(fixture).await;
                 mounted.map_err(self.bench.error("jig"))?;
             }
+            // Whoever put it there need not be asked again.
+            (Some(config::Jig::Person), _) if self.mounted == Some(fixture) => {}
             (Some(config::Jig::Person), _) => self.operator.mount(fixture).await?,
             // Without a jig only the cell is ever asked for: it is what is in there.
             _ => {}
         }
+        self.mounted = Some(fixture);
         if fixture == Fixture::Short {
             self.refuse_a_cell("after mounting the short").await?;
         }
