@@ -127,6 +127,15 @@ fn a_trace_needs_no_sweep_and_a_hidden_effect_shows_in_it() {
 }
 
 #[test]
+fn the_controls_can_be_measured_for_a_trace_alone() {
+    let files = Files::short(2).edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"1 A\"\nrepeat = 0").append(EXPERIMENT, TRACE);
+    let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
+    assert_eq!(finished.measured.controls.len(), 2);
+    assert!(files.path("run/correction.json").exists() && !files.path("run/spectrum.csv").exists());
+    assert_eq!((index(&files).sweeps.len(), index(&files).traces.len()), (0, 2));
+}
+
+#[test]
 fn the_interlock_ends_a_trace_that_leaves_the_window() {
     // The cell resists more than the file claims, so that the plan is not refused.
     let files = trace_only().edit(EXPERIMENT, "\"30 mΩ\"", "\"1 mΩ\"").edit(CELL, "voltage_min = \"2.5 V\"", "voltage_min = \"3.74 V\"");
