@@ -48,12 +48,17 @@ pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: bool, s
     let (least_a, greatest_a) = plan.extremes_a();
     let most_a = greatest_a.max(-least_a);
     let up = Step::PowerUp {
-        compliance_v: cell.limits.max_v + (COMPLIANCE.1 * most_a).max(COMPLIANCE.0),
-        limit_a: LIMIT.0 * most_a + LIMIT.1,
+        compliance_v: hundredths(cell.limits.max_v + (COMPLIANCE.1 * most_a).max(COMPLIANCE.0)),
+        limit_a: hundredths(LIMIT.0 * most_a + LIMIT.1),
         held,
     };
     let steps = vec![Step::Mount(Fixture::Cell), Step::Zero(plan.clone()), up, Step::Trace(plan), Step::PowerDown];
     Stage { purpose: Purpose::Trace, steps }
+}
+
+/// Two decimals are all that a supply shows.
+fn hundredths(value: f64) -> f64 {
+    (value * 100.0).round() / 100.0
 }
 
 /// The steps of the current; equal neighbours are one, and nothing flows at the end.

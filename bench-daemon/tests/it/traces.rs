@@ -218,6 +218,21 @@ fn mistakes_in_traces_are_named() {
     }
     let message = complaint(Files::short(2).without(EXPERIMENT, "eis").append(EXPERIMENT, TRACE));
     assert!(message.contains("fixture_check: expected a section [eis], whose frequencies the controls are measured at"), "{message}");
+    let (head, _) = TRACE.split_once("segments").unwrap();
+    for (text, expected) in [
+        ("amps,seconds\n1,2\n", "steps.csv:1: current_a,duration_s: expected the header current_a,duration_s, found \"amps,seconds\""),
+        ("current_a,duration_s\n-1,2\n3;4\n", "steps.csv:3: current_a,duration_s: expected two numbers, found \"3;4\""),
+        ("current_a,duration_s\n", "traces.pulses.file: expected at least one segment, found none"),
+        ("current_a,duration_s\nnan,2\n", "traces.pulses.file: expected -20 A to 20 A, found NaN A"),
+    ] {
+        let files = Files::short(2)
+            .without(EXPERIMENT, "fixture_check")
+            .without(EXPERIMENT, "eis")
+            .append(EXPERIMENT, &format!("{head}file = \"steps.csv\""));
+        files.write("experiments/steps.csv", text);
+        let message = complaint(files);
+        assert!(message.contains(expected), "{message}");
+    }
     let message = complaint(trace_only().append(EXPERIMENT, TRACE));
     assert!(message.contains("traces: expected names that differ, found \"pulses\" twice"), "{message}");
 }
