@@ -153,6 +153,7 @@ impl<'a> Executor<'a> {
                     on_point(self.recorder, &point)?;
                     points.push(point);
                 }
+                Step::Pause { span_s } => self.pause(span_s).await?,
                 Step::Zero(ref trace) => self.zero(trace).await?,
                 Step::Trace(ref trace) => self.trace(trace).await?,
                 Step::PowerDown => self.power_down().await?,
@@ -179,7 +180,9 @@ impl<'a> Executor<'a> {
                 let (least_a, greatest_a) = trace.extremes_a();
                 self.envelope.bounded(drawn(greatest_a), drawn(-least_a))
             }
-            Step::Mount(_) | Step::Zero(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => cell.bounded(NO_CURRENT_A, NO_CURRENT_A),
+            Step::Mount(_) | Step::Pause { .. } | Step::Zero(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => {
+                cell.bounded(NO_CURRENT_A, NO_CURRENT_A)
+            }
         };
     }
 

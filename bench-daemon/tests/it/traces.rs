@@ -32,7 +32,9 @@ segments = [
 
 /// The demo's files with a brief check of the bench, two short sweeps and the trace.
 fn files() -> Files {
-    Files::short(2).edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"1 A\"\nrepeat = 2").append(EXPERIMENT, TRACE)
+    Files::short(2)
+        .edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"1 A\"\nrepeat = 2\nrest_first = \"30 s\"")
+        .append(EXPERIMENT, TRACE)
 }
 
 /// Without a sweep of any kind.
@@ -83,6 +85,9 @@ fn a_trace_is_the_truth_within_its_noise_and_the_index_tells_what_is_what() {
     }
     let traces: Vec<(&str, usize, Role)> = index.traces.iter().map(|trace| (trace.file.as_str(), trace.order, trace.role)).collect();
     assert_eq!(traces, [("series_pulses_1.bdf.csv", 1, Role::HeldOut), ("series_pulses_2.bdf.csv", 3, Role::HeldOut)]);
+    // The second sweep begins half a minute after the first trace has ended, at least.
+    let events = fs::read_to_string(files.path("run/events.csv")).unwrap();
+    assert_eq!(events.matches(",\"rest 30 s\"").count(), 2, "{events}");
     let world = finished.simulation.as_ref().unwrap().world().lock().unwrap().clone();
     for trace in &index.traces {
         let rows = read_trace_csv(&files.path("run").join(&trace.file)).unwrap();
