@@ -28,3 +28,6 @@ pub use outcome::{
     NextExperiment, NoiseReport, NoiseTerm, Quality, Rival, RunCurves, SpectrumGap, Verdict,
 };
 pub use prepare::BaseModel;
+
+#[cfg(test)]
+mod tests;
