@@ -26,7 +26,7 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
             let beyond = |k: usize| sign * (expected_v[k] - extreme_v);
             let clipped = rows(measured_v, extreme_v).into_iter().filter(|row| row.len() >= FEWEST).any(|row| {
                 let moves_v = extent(&expected_v[row.clone()]);
-                let far = row.clone().map(beyond).fold(f64::NEG_INFINITY, f64::max);
+                let far = row.map(beyond).fold(f64::NEG_INFINITY, f64::max);
                 moves_v > least_v && far > least_v
             });
             if clipped {
