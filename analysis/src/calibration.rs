@@ -253,6 +253,12 @@ impl Correction {
         ImpedancePoint { freq_hz: phasors.freq_hz, z_ohm: impedance.value, covariance, amplitude_a: current.value.norm() }
     }
 
+    /// Direct current through the shunt, A, and direct voltage across the jig, V, from the four channels, V, less what they show where nothing flows:
+    /// offsets are not the harness's. A gain that all channels share is in both and not seen.
+    pub fn direct(&self, volts: [f64; 4]) -> (f64, f64) {
+        model::direct(&self.values, volts)
+    }
+
     /// Part of the covariance of [`Self::apply`] that comes from the uncertainty of the correction, Ω². It is common to all measurements corrected
     /// so: averaging them does not lower it.
     pub fn carried_covariance(&self, phasors: &ChannelPhasors) -> Covariance2 {

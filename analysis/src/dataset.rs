@@ -9,12 +9,14 @@
 mod capture;
 mod disk;
 mod frame;
+mod index;
 mod rows;
 
 use std::path::{Path, PathBuf};
 
 pub use capture::{CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, read_capture, write_capture};
 pub use disk::write_atomically;
+pub use index::{CurrentBetween, CurrentPositive, Role, RunIndex, SweepEntry, TraceEntry};
 
 use crate::spectrum::{Covariance2, ImpedancePoint};
 use num_complex::Complex64;
@@ -48,6 +50,30 @@ pub const SERIES_COLUMNS: &[ColumnSpec] = &[
     ColumnSpec { name: "current_a", unit: "A", doc: "current into the cell, charge positive; NaN if not measured" },
     ColumnSpec { name: "temperature_c", unit: "°C", doc: "temperature of the cell's surface; NaN if not measured" },
 ];
+
+/// Columns of a trace: those of BDF (battery data format), and how many samples a row is the mean of.
+pub const TRACE_COLUMNS: &[ColumnSpec] = &[
+    ColumnSpec { name: "Test Time / s", unit: "s", doc: "time since the start of the trace" },
+    ColumnSpec { name: "Current / A", unit: "A", doc: "current into the cell, charge positive" },
+    ColumnSpec { name: "Voltage / V", unit: "V", doc: "voltage of the cell" },
+    ColumnSpec { name: "Surface Temperature T1 / degC", unit: "°C", doc: "temperature of the cell's surface; NaN if not measured" },
+    ColumnSpec { name: "Averaged Samples / 1", unit: "1", doc: "samples of the scope that current and voltage are the mean of" },
+];
+
+/// One row of a trace.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TraceRow {
+    /// Time since the start of the trace, s.
+    pub time_s: f64,
+    /// Current into the cell, charge positive, A.
+    pub current_a: f64,
+    /// Voltage of the cell, V.
+    pub voltage_v: f64,
+    /// Temperature of the cell's surface, °C; not a number if not measured.
+    pub temperature_c: f64,
+    /// Samples that current and voltage are the mean of.
+    pub samples: f64,
+}
 
 /// One row of a time series.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -173,6 +199,35 @@ impl rows::Row for SeriesRow {
         let [time_s, voltage_v, current_a, temperature_c] = *values else { return None };
         Some(Self { time_s, voltage_v, current_a, temperature_c })
     }
+}
+
+impl rows::Row for TraceRow {
+    const COLUMNS: &'static [ColumnSpec] = TRACE_COLUMNS;
+
+    fn values(&self) -> Vec<f64> {
+        vec![self.time_s, self.current_a, self.voltage_v, self.temperature_c, self.samples]
+    }
+
+    fn from_values(values: &[f64]) -> Option<Self> {
+        let [time_s, current_a, voltage_v, temperature_c, samples] = *values else { return None };
+        Some(Self { time_s, current_a, voltage_v, temperature_c, samples })
+    }
+}
+
+/// Writes a trace as BDF CSV, [`TRACE_COLUMNS`].
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_trace_csv(path: &Path, trace: &[TraceRow]) -> Result<(), DatasetError> {
+    rows::write_csv(path, trace)
+}
+
+/// Reads a trace that [`write_trace_csv`] wrote.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Header`], [`DatasetError::Field`].
+pub fn read_trace_csv(path: &Path) -> Result<Vec<TraceRow>, DatasetError> {
+    rows::read_csv(path)
 }
 
 /// Writes a spectrum as CSV, [`SPECTRUM_COLUMNS`].

@@ -4,7 +4,7 @@
 //! the uncertainty comes from, [`spectrum`] holds complex impedances with their uncertainty, [`validity`] judges them, [`model`] is the extended
 //! Randles model (ERM) and circuits in general, [`fit`] finds their parameters, [`drt`] shows their time constants, [`ocv`] is the voltage at rest,
 //! [`joint`] fits the model to spectra and pulses of a [`series`] together, [`pack`] maps a cell to an SxP pack, [`forward`] simulates a cell or a
-//! pack under a load, [`sop`] finds the most power that can be held; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures.
+//! pack under a load, [`sop`] finds the most power that can be held; [`thinning`] averages frames of direct currents; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures.
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 
@@ -28,4 +28,5 @@ pub mod series;
 pub mod sine;
 pub mod sop;
 pub mod spectrum;
+pub mod thinning;
 pub mod validity;

@@ -3,8 +3,11 @@
 
 mod beside;
 mod dc;
+mod error;
 mod sine;
+mod trace;
 
+use analysis::calibration::Correction;
 use instruments::{
     clock::Clock,
     mock::plant::Fixture,
@@ -14,70 +17,18 @@ use instruments::{
 };
 
 pub use beside::{Bend, Beside};
+pub use error::ExecuteError;
 pub use sine::SweepPoint;
 
 use crate::{
     bench::{Bench, BenchError},
     config::{self, Experiment},
-    interlock::{self, Limits, NO_CURRENT_A, Reading, Trip},
-    operator::{Operator, OperatorError},
-    plan::{Stage, Step, fixture_name},
+    interlock::{self, Limits, NO_CURRENT_A, Reading},
+    operator::Operator,
+    plan::{Purpose, Stage, Step, fixture_name},
     progress::Progress,
-    record::{RecordError, Recorder},
+    record::Recorder,
 };
-
-/// What ends a stage early.
-#[derive(Debug, thiserror::Error)]
-pub enum ExecuteError {
-    /// An instrument.
-    #[error(transparent)]
-    Bench(#[from] BenchError),
-    /// The interlock.
-    #[error("interlock: {0}")]
-    Trip(#[from] Trip),
-    /// A file.
-    #[error(transparent)]
-    Record(#[from] RecordError),
-    /// The person at the bench.
-    #[error(transparent)]
-    Operator(#[from] OperatorError),
-    /// A step reached its upper bound.
-    #[error("{step}: not reached within {max_s:.0} s ({state})")]
-    Bound {
-        /// The step in words.
-        step: String,
-        /// The bound, s.
-        max_s: f64,
-        /// What was reached instead.
-        state: String,
-    },
-    /// The bench does something else than it was told to.
-    #[error("{what}: expected {expected}, measured {met}")]
-    Disobeyed {
-        /// What was commanded.
-        what: String,
-        /// What it should have done.
-        expected: String,
-        /// What it did.
-        met: String,
-    },
-    /// A control is asked for, and something with a voltage is in the jig.
-    #[error("{what}: expected nothing with a voltage in the jig, found {volts:.2} V: is the cell still in?")]
-    CellLeftIn {
-        /// What was about to be done.
-        what: String,
-        /// Voltage at the jig with every output off, V.
-        volts: f64,
-    },
-    /// A record cannot be analysed.
-    #[error("{freq_hz} Hz: {reason}")]
-    Signal {
-        /// Frequency, Hz.
-        freq_hz: f64,
-        /// Why not.
-        reason: String,
-    },
-}
 
 /// Seconds between two readings while current flows.
 const POLL_S: f64 = 1.0;
@@ -104,6 +55,10 @@ pub struct Executor<'a> {
     pub operator: &'a Operator,
     /// What the person watching sees.
     pub progress: &'a Progress,
+    /// What takes the harness off the channels.
+    pub correction: Correction,
+    /// What was read of the cell before the bipolar supply went on last.
+    pub idle: Reading,
     /// What the scope's channels are to be set to.
     verticals: [Option<Vertical>; 4],
     /// What they were last set to.
@@ -113,6 +68,18 @@ pub struct Executor<'a> {
     /// What the step in work may expose the cell to.
     envelope: Limits,
     polls: u32,
+    /// What was clamped into the jig last.
+    mounted: Option<Fixture>,
+    /// Number of the sweep, 0 for a control.
+    repeat: usize,
+    /// Points that the scope's memory was last set to.
+    memory_points: Option<u64>,
+    /// What the channels show while nothing flows.
+    zero: Option<trace::Zero>,
+    /// Charge that traces have left in the cell, C.
+    charge_c: f64,
+    /// The cell's temperature when it was read last, °C.
+    last_c: Option<f64>,
     /// The logger scans nothing before it was told what.
     logger_ready: bool,
 }
@@ -132,11 +99,19 @@ impl<'a> Executor<'a> {
             recorder,
             operator,
             progress,
+            correction: Correction::none(experiment.bench.wiring.shunt),
+            idle: Reading::default(),
             verticals: [None; 4],
             applied: [None; 4],
             trigger_v: Volts(0.0),
             envelope: experiment.cell.limits,
             polls: 0,
+            mounted: None,
+            repeat: 0,
+            memory_points: None,
+            zero: None,
+            charge_c: 0.0,
+            last_c: None,
             logger_ready: false,
         }
     }
@@ -154,6 +129,7 @@ impl<'a> Executor<'a> {
         self.recorder.event(&stage.purpose.to_string())?;
         let mut points = Vec::new();
         let mut fixture = Fixture::Cell;
+        self.repeat = if let Purpose::Sweep(_, repeat) = stage.purpose { repeat } else { 0 };
         for step in &stage.steps {
             tracing::info!("step: {step}");
             self.recorder.event(&step.to_string())?;
@@ -177,6 +153,9 @@ impl<'a> Executor<'a> {
                     on_point(self.recorder, &point)?;
                     points.push(point);
                 }
+                Step::Pause { span_s } => self.pause(span_s).await?,
+                Step::Zero(ref trace) => self.zero(trace).await?,
+                Step::Trace(ref trace) => self.trace(trace).await?,
                 Step::PowerDown => self.power_down().await?,
             }
             self.progress.end(step);
@@ -197,7 +176,13 @@ impl<'a> Executor<'a> {
             Step::PowerUp { limit_a, .. } => cell.bounded(limit_a, limit_a),
             // Between power-up and power-down the limit of the power-up holds.
             Step::Sine { .. } | Step::PowerDown => self.envelope,
-            Step::Mount(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => cell.bounded(NO_CURRENT_A, NO_CURRENT_A),
+            Step::Trace(ref trace) => {
+                let (least_a, greatest_a) = trace.extremes_a();
+                self.envelope.bounded(drawn(greatest_a), drawn(-least_a))
+            }
+            Step::Mount(_) | Step::Pause { .. } | Step::Zero(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => {
+                cell.bounded(NO_CURRENT_A, NO_CURRENT_A)
+            }
         };
     }
 
@@ -219,10 +204,13 @@ impl<'a> Executor<'a> {
                 let mounted = jig.mount(fixture).await;
                 mounted.map_err(self.bench.error("jig"))?;
             }
+            // Whoever put it there need not be asked again.
+            (Some(config::Jig::Person), _) if self.mounted == Some(fixture) => {}
             (Some(config::Jig::Person), _) => self.operator.mount(fixture).await?,
             // Without a jig only the cell is ever asked for: it is what is in there.
             _ => {}
         }
+        self.mounted = Some(fixture);
         if fixture == Fixture::Short {
             self.refuse_a_cell("after mounting the short").await?;
         }
@@ -242,20 +230,25 @@ impl<'a> Executor<'a> {
             // A cell that is missing, reversed, ruined or too hot must not be driven: it is read while the output is still off.
             let mut reading = self.read_supply4q().await?;
             reading.temperature_c = self.cell_temperature().await?;
+            self.idle = reading;
             self.judge("idle", reading)?;
         } else {
             self.refuse_a_cell(&format!("driving the {}", fixture_name(fixture))).await?;
         }
         let scope_error = self.bench.error("scope");
-        let memory_points = self.experiment.eis.memory_points;
-        let scope = require(&mut self.bench.scope, "scope")?;
-        scope.set(&instruments::scope::Intent::Session { memory_points }).await.map_err(scope_error)?;
+        if let Some(eis) = &self.experiment.eis {
+            let memory_points = eis.memory_points;
+            let scope = require(&mut self.bench.scope, "scope")?;
+            scope.set(&instruments::scope::Intent::Session { memory_points }).await.map_err(scope_error)?;
+            self.memory_points = Some(memory_points);
+        }
         // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
         let generator_error = self.bench.error("generator");
         require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;
         require(&mut self.bench.supply4q, "supply4q")?.energise().await.map_err(&error)?;
         let idle_a = self.watch("idle", fixture).await?.current_a.unwrap_or(0.0);
-        let allowed_a = IDLE_CURRENT_A.min(0.5 * self.experiment.eis.amplitude_a).max(NO_CURRENT_A);
+        let allowed_a =
+            IDLE_CURRENT_A.min(self.experiment.eis.as_ref().map_or(f64::INFINITY, |eis| 0.5 * eis.amplitude_a)).max(NO_CURRENT_A);
         if idle_a.abs() > allowed_a {
             return Err(ExecuteError::Disobeyed {
                 what: "bipolar supply with its command at zero".to_owned(),
@@ -335,7 +328,8 @@ impl<'a> Executor<'a> {
             self.logger_ready = true;
         }
         let readings = logger.scan().await.map_err(error)?;
-        Ok(Some(readings.first().copied().flatten().map_or(f64::NAN, |celsius| celsius.value())))
+        self.last_c = Some(readings.first().copied().flatten().map_or(f64::NAN, |celsius| celsius.value()));
+        Ok(self.last_c)
     }
 
     fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {

@@ -1,10 +1,13 @@
 //! What is to be done, as data: stages of steps, each with an upper bound in time, checked before anything is energised.
 
-use std::fmt;
+mod trace;
+
+use std::{fmt, sync::Arc};
 
 use instruments::mock::plant::Fixture;
 
 use crate::interlock::Limits;
+pub use trace::{Frame, LONGEST_FRAME_S, Level, TracePlan};
 
 /// A plan.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,12 +32,14 @@ pub enum Purpose {
     Temperature,
     /// Bringing the cell to its state of charge.
     SocReset,
-    /// A sweep over what is in the jig.
-    Sweep(Fixture),
+    /// A sweep over what is in the jig: 0 as a control, else the number of the repeat.
+    Sweep(Fixture, usize),
+    /// A current that steps through the cell.
+    Trace,
 }
 
 /// One step.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Step {
     /// Something else is clamped into the jig; every output is off.
     Mount(Fixture),
@@ -96,6 +101,15 @@ pub enum Step {
         /// Shortest wait for the record, s.
         wait_s: f64,
     },
+    /// Nothing flows for a while.
+    Pause {
+        /// How long, s.
+        span_s: f64,
+    },
+    /// Rest, then what scope and voltmeter show of the cell while nothing flows.
+    Zero(Arc<TracePlan>),
+    /// Steps of direct current are driven and recorded.
+    Trace(Arc<TracePlan>),
     /// The bipolar supply is taken down.
     PowerDown,
 }
@@ -136,7 +150,7 @@ impl Plan {
             for (step_index, step) in stage.steps.iter().enumerate() {
                 let fail = |reason: String| PlanError { stage: stage_index + 1, step: step_index + 1, what: step.to_string(), reason };
                 step.check(limits, powered).map_err(fail)?;
-                if stage.purpose == Purpose::Sweep(Fixture::Short) && matches!(step, Step::PowerUp { held: false, .. }) {
+                if matches!(stage.purpose, Purpose::Sweep(Fixture::Short, _)) && matches!(step, Step::PowerUp { held: false, .. }) {
                     let reason = "expected a bipolar supply with a programmable current limit to drive a short, found one whose output follows \
                                   the generator up to its rated current: leave [fixture_check.short] out";
                     return Err(fail(reason.to_owned()));
@@ -189,7 +203,13 @@ impl Step {
         };
         let needs_off = || if powered { Err("expected the bipolar supply to be down".to_owned()) } else { Ok(()) };
         match *self {
-            Self::Mount(_) | Self::HoldTemperature { .. } => needs_off()?,
+            Self::Mount(_) | Self::HoldTemperature { .. } | Self::Pause { .. } | Self::Zero(_) => needs_off()?,
+            Self::Trace(ref trace) => {
+                if !powered {
+                    return Err("expected the bipolar supply to be up".to_owned());
+                }
+                trace.check(limits)?;
+            }
             Self::Discharge { current_a, until_v, .. } => {
                 needs_off()?;
                 current(current_a, limits.discharge_a, "discharge current")?;
@@ -240,6 +260,9 @@ impl Step {
             Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } => 0.2 * max_s,
             Self::Rest { min_s, max_s, .. } => 0.5 * (min_s + max_s),
             Self::Sine { wait_s, .. } => wait_s + OVERHEAD_S,
+            Self::Pause { span_s } => span_s,
+            Self::Zero(ref trace) => trace.rest_s + 2.0 * OVERHEAD_S,
+            Self::Trace(ref trace) => trace.length_s() + OVERHEAD_S,
         }
     }
 
@@ -251,6 +274,9 @@ impl Step {
                 max_s
             }
             Self::Sine { wait_s, .. } => (wait_s + 60.0) * (MAX_RANGING + 1) as f64,
+            Self::Pause { span_s } => span_s + 60.0,
+            Self::Zero(ref trace) => trace.rest_s + 60.0,
+            Self::Trace(ref trace) => trace.length_s() + 60.0,
         }
     }
 }
@@ -260,10 +286,12 @@ impl fmt::Display for Purpose {
         f.write_str(match self {
             Self::Temperature => "temperature",
             Self::SocReset => "SOC reset",
-            Self::Sweep(Fixture::Cell) => "EIS sweep of the cell",
-            Self::Sweep(Fixture::Shunt) => "fixture check: shunt",
-            Self::Sweep(Fixture::FakeCell) => "fixture check: fake cell",
-            Self::Sweep(Fixture::Short) => "fixture check: short",
+            Self::Sweep(Fixture::Cell, _) => "EIS sweep of the cell",
+            Self::Sweep(Fixture::Shunt, 0) => "fixture check: shunt",
+            Self::Sweep(Fixture::Shunt, _) => "EIS sweep of the shunt",
+            Self::Sweep(Fixture::FakeCell, _) => "fixture check: fake cell",
+            Self::Sweep(Fixture::Short, _) => "fixture check: short",
+            Self::Trace => "current trace",
         })
     }
 }
@@ -292,6 +320,14 @@ impl fmt::Display for Step {
             }
             Self::Sine { index, freq_hz, amplitude_a, wait_s } => {
                 write!(f, "point {:>2}: {freq_hz:>10.4} Hz, {amplitude_a} A, wait {wait_s:.1} s", index + 1)
+            }
+            Self::Pause { span_s } => write!(f, "rest {}", minutes(span_s)),
+            Self::Zero(ref trace) => write!(f, "rest {}, then the zeros of the channels and the voltage at rest", minutes(trace.rest_s)),
+            Self::Trace(ref trace) => {
+                let (least_a, greatest_a) = trace.extremes_a();
+                let (name, repeat, steps, frames) = (&trace.name, trace.repeat, trace.levels.len(), trace.frames.len());
+                let length = minutes(trace.length_s());
+                write!(f, "trace {name}, repeat {repeat}: {steps} steps from {least_a} A to {greatest_a} A, {frames} frames, {length}")
             }
             Self::PowerDown => write!(f, "bipolar supply down"),
         }
@@ -328,13 +364,13 @@ mod tests {
             let up = Step::PowerUp { compliance_v: 5.0, limit_a: 3.0, held };
             assert_eq!(up.to_string().contains("current limit 3 A"), held, "{up}");
             assert_eq!(up.to_string().ends_with("no programmable current limit: the output follows the generator"), !held, "{up}");
-            let stage = Stage { purpose: Purpose::Sweep(fixture), steps: vec![Step::Mount(fixture), up, SINE, Step::PowerDown] };
+            let stage = Stage { purpose: Purpose::Sweep(fixture, 1), steps: vec![Step::Mount(fixture), up, SINE, Step::PowerDown] };
             assert_eq!(Plan { stages: vec![stage] }.check(&LIMITS).is_ok(), sound, "{fixture:?}, held: {held}");
         }
     }
 
     fn check(steps: Vec<Step>) -> Result<Checked, PlanError> {
-        Plan { stages: vec![Stage { purpose: Purpose::Sweep(Fixture::Cell), steps }] }.check(&LIMITS)
+        Plan { stages: vec![Stage { purpose: Purpose::Sweep(Fixture::Cell, 1), steps }] }.check(&LIMITS)
     }
 
     #[test]

@@ -3,7 +3,8 @@
 //! `config/` the files that were read · `manifest.json` what ran · `events.csv` every step with bench time · `readings.csv` every reading (at the end
 //! also `readings.parquet`) ·
 //! `captures/FIXTURE/…parquet` raw ADC codes · `raw_FIXTURE.csv` impedances before correction · `correction.json` · `spectrum.csv`, `.parquet` ·
-//! `budget.csv`, `.json` ·
+//! `spectrum_2.csv` … further sweeps · `series_TRACE_REPEAT.bdf.csv` traces · `traces.json` which sweeps and traces there are, and under which
+//! circumstances they were measured · `budget.csv`, `.json` ·
 //! `model_Nrc.json` · `plots/` · `report.html` · `transcripts/` every message · `log.txt`.
 
 use std::{
@@ -13,7 +14,7 @@ use std::{
 };
 
 use analysis::{
-    dataset::{self, Capture, CaptureMeta, ChannelMeta, DatasetError, SeriesRow},
+    dataset::{self, Capture, CaptureMeta, ChannelMeta, DatasetError, RunIndex, SeriesRow, SweepEntry, TraceEntry, TraceRow},
     sine::CodeScale,
     spectrum::ImpedancePoint,
 };
@@ -21,6 +22,9 @@ use instruments::{clock::Clock, mock::plant::Fixture, scope::Waveform, transcrip
 use serde::Serialize;
 
 use crate::{interlock::Reading, plan::fixture_name};
+
+/// The index of sweeps and traces.
+const INDEX: &str = "traces.json";
 
 /// A file that cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -51,6 +55,8 @@ pub enum RecordError {
 pub struct CaptureFile {
     /// What was in the jig.
     pub fixture: Fixture,
+    /// Number of the sweep, 0 for a control.
+    pub repeat: usize,
     /// Number of the point, from 0.
     pub index: usize,
     /// Number of the attempt, from 0: later ones after a change of range.
@@ -70,6 +76,7 @@ pub struct Recorder {
     events: BufWriter<File>,
     readings: BufWriter<File>,
     series: Vec<SeriesRow>,
+    index: RunIndex,
     warnings: Vec<String>,
     /// Texts, and the sweeps and frequencies, Hz, that they are about.
     point_warnings: Vec<(String, Vec<(String, f64)>)>,
@@ -98,6 +105,7 @@ impl Recorder {
             events,
             readings,
             series: Vec::new(),
+            index: RunIndex::default(),
             warnings: Vec::new(),
             point_warnings: Vec::new(),
         })
@@ -166,23 +174,55 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn capture(&self, file: &CaptureFile, waveforms: &[Waveform; 4]) -> Result<(), RecordError> {
-        let name = fixture_name(file.fixture);
-        let folder = self.path("captures").join(name);
-        fs::create_dir_all(&folder).map_err(io(&folder, "cannot be made"))?;
-        let channel = |waveform: &Waveform| ChannelMeta { scale: code_scale(waveform), volts_per_div: waveform.preamble.volts_per_div };
-        let capture = Capture {
-            meta: CaptureMeta {
-                label: format!("{name} point {} attempt {} at {} A", file.index + 1, file.attempt + 1, file.amplitude_a),
-                freq_hz: file.freq_hz,
-                interval_s: waveforms[0].interval_s,
-                start_s: file.start_s,
-                channels: [0, 1, 2, 3].map(|slot: usize| channel(&waveforms[slot])),
-            },
-            codes: [0, 1, 2, 3].map(|slot: usize| waveforms[slot].codes.clone()),
-        };
+        let name = sweep_name(file.fixture, file.repeat);
+        let label = format!("{name} point {} attempt {} at {} A", file.index + 1, file.attempt + 1, file.amplitude_a);
         let again = if file.attempt == 0 { String::new() } else { format!("_again{}", file.attempt) };
-        let path = folder.join(format!("point{:02}_{:.6}Hz{again}.parquet", file.index + 1, file.freq_hz));
-        Ok(dataset::write_capture(&path, &capture)?)
+        let point = format!("point{:02}_{:.6}Hz{again}", file.index + 1, file.freq_hz);
+        self.write_capture(&name, &point, &capture_of(label, file.freq_hz, file.start_s, waveforms))
+    }
+
+    /// Writes the raw codes of any frame, whole, into a folder of `captures`.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write_capture(&self, folder: &str, name: &str, capture: &Capture) -> Result<(), RecordError> {
+        let folder = self.path("captures").join(folder);
+        fs::create_dir_all(&folder).map_err(io(&folder, "cannot be made"))?;
+        Ok(dataset::write_capture(&folder.join(format!("{name}.parquet")), capture)?)
+    }
+
+    /// Writes a trace and enters it into the index.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn trace(&mut self, entry: TraceEntry, rows: &[TraceRow]) -> Result<(), RecordError> {
+        dataset::write_trace_csv(&self.path(&entry.file), rows)?;
+        self.index.traces.push(entry);
+        self.json(INDEX, &self.index)
+    }
+
+    /// Enters a sweep whose file is whole into the index.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn sweep(&mut self, entry: SweepEntry) -> Result<(), RecordError> {
+        self.index.sweeps.push(entry);
+        self.json(INDEX, &self.index)
+    }
+
+    /// Names the cell that the index is about.
+    pub fn about(&mut self, cell: &str, capacity_c: f64) {
+        (self.index.cell, self.index.capacity_c) = (cell.to_owned(), capacity_c);
+    }
+
+    /// How many sweeps and traces the index holds.
+    pub fn measured(&self) -> usize {
+        self.index.sweeps.len() + self.index.traces.len()
+    }
+
+    /// The index of what was measured.
+    pub fn index(&self) -> &RunIndex {
+        &self.index
     }
 
     /// Appends a point to a spectrum; it is on disk when this returns.
@@ -261,6 +301,24 @@ fn places(points: &[(String, f64)]) -> String {
         }
     });
     words.collect::<Vec<_>>().join("; ")
+}
+
+/// A sweep in names of files: a control is called after its fixture, a sweep of the cell too, and with its number from the second on.
+pub fn sweep_name(fixture: Fixture, repeat: usize) -> String {
+    let name = fixture_name(fixture);
+    match (fixture, repeat) {
+        (_, 0) | (Fixture::Cell, 1) => name.to_owned(),
+        (Fixture::Cell, number) => format!("{name}_{number}"),
+        (_, number) => format!("{name}_sweep_{number}"),
+    }
+}
+
+/// A frame of four channels as it is stored.
+pub(crate) fn capture_of(label: String, freq_hz: f64, start_s: f64, waveforms: &[Waveform; 4]) -> Capture {
+    let channel = |waveform: &Waveform| ChannelMeta { scale: code_scale(waveform), volts_per_div: waveform.preamble.volts_per_div };
+    let channels = waveforms.each_ref().map(channel);
+    let meta = CaptureMeta { label, freq_hz, interval_s: waveforms[0].interval_s, start_s, channels };
+    Capture { meta, codes: waveforms.each_ref().map(|waveform| waveform.codes.clone()) }
 }
 
 /// What a waveform's codes mean: on disk as in the fit.

@@ -2,14 +2,23 @@
 //!
 //! Linear: v' = a·v + R(φ − a)·i₀ + R(1 − φ)·i₁ with a = exp(−h/τ), φ = (1 − a)τ/h; for a held current v' = a·v + R(1 − a)·i₀.
 //! Symmetric Butler–Volmer under a held current: with u = tanh(βv/2R) the equation C·dv/dt = i − sinh(βv/R)/β is a Riccati equation with constant
-//! coefficients and has the closed solution of [`symmetric`]. Asymmetric: exponential Rosenbrock–Euler steps, exact at rest and in the steady state.
+//! coefficients and has the closed solution of [`symmetric`]. Asymmetric: exponential Rosenbrock steps, exact at rest and in the steady state. A ramp is cut into parts, each with the
+//! held current that would move a linear branch as the ramp does.
 
 use super::network::{Branch, Law};
 
 /// Change of the exponent per sub-step of the asymmetric law at most.
-const EXPONENT_STEP: f64 = 0.04;
+const EXPONENT_STEP: f64 = 0.1;
+/// First sub-step of the asymmetric law, in its time constants.
+const FIRST_STEP: f64 = 0.2;
+/// What a branch with the asymmetric law may still miss where it is taken to be at rest, V.
+const REST_V: f64 = 1e-10;
 /// Sub-steps of the asymmetric law at most.
-const MOST_SUBSTEPS: f64 = 400.0;
+const MOST_SUBSTEPS: usize = 400;
+/// Parts of a ramp for a change of the current by 1/β.
+const RAMPS: f64 = 32.0;
+/// Parts of a ramp at most.
+const MOST_RAMPS: f64 = 100.0;
 
 /// What one length of step does to a linear branch.
 #[derive(Debug, Clone, Copy)]
@@ -49,6 +58,43 @@ pub(super) fn step(branch: &Branch, factor: f64, v: f64, current_a: f64, step_s:
     }
 }
 
+/// The same over a step in which the current goes from one value to another along a straight line.
+pub(super) fn ramp(branch: &Branch, factor: f64, v: f64, (from, to): (f64, f64), step_s: f64) -> f64 {
+    if from == to {
+        return step(branch, factor, v, from, step_s);
+    }
+    let beta = match branch.law {
+        Law::Linear => 0.0,
+        Law::Symmetric { beta } | Law::Asymmetric { beta, .. } => beta,
+    };
+    let count = (RAMPS * beta * (to - from).abs()).ceil().clamp(1.0, MOST_RAMPS);
+    let part_s = step_s / count;
+    let along = |k: f64| from + (to - from) * k / count;
+    (0..count as usize).fold(v, |v, k| {
+        let (from, to) = (along(k as f64), along(k as f64 + 1.0));
+        // The small-signal time constant is that of the voltage in the middle of the part, as far as it is known.
+        let with_slope_at = |v_middle: f64| {
+            let linear = Branch { tau_s: branch.tau_s / slope(branch, v_middle), ..*branch };
+            let gain = Gain::new(&linear, factor, part_s, true);
+            step(branch, factor, v, (gain.start * from + gain.end * to) / (gain.start + gain.end), part_s)
+        };
+        let end = with_slope_at(v);
+        if count > 1.0 { with_slope_at(0.5 * (v + end)) } else { end }
+    })
+}
+
+/// Conductance at a voltage over that at zero.
+fn slope(branch: &Branch, v: f64) -> f64 {
+    match branch.law {
+        Law::Linear => 1.0,
+        Law::Symmetric { beta } => (beta * v / branch.r_ohm).cosh(),
+        Law::Asymmetric { beta, alpha } => {
+            let y = 2.0 * beta * v / branch.r_ohm;
+            alpha * (alpha * y).exp() + (1.0 - alpha) * (-(1.0 - alpha) * y).exp()
+        }
+    }
+}
+
 /// C·dv/dt = i − sinh(bR·v/R)/(bR) over a time of x time constants; b in 1/V.
 fn symmetric(b: f64, r: f64, (v, current_a): (f64, f64), x: f64) -> f64 {
     let beta = b * r;
@@ -62,23 +108,39 @@ fn symmetric(b: f64, r: f64, (v, current_a): (f64, f64), x: f64) -> f64 {
     2.0 / b * next.clamp(-1.0 + 1e-15, 1.0 - 1e-15).atanh()
 }
 
-/// The asymmetric law over a time of x time constants.
+/// The asymmetric law over a time of x time constants: exponential Rosenbrock steps of third order (exprb32 of Hochbruck, Ostermann and Schweitzer,
+/// SIAM J. Numer. Anal. 47 (2009) 786), short after an edge and longer as the branch settles.
 fn asymmetric((beta, alpha): (f64, f64), r: f64, (v, current_a): (f64, f64), x: f64) -> f64 {
     let to_exponent = 2.0 * beta / r;
     let mut y = to_exponent * v;
     let drive = 2.0 * beta * current_a;
     // dy/dx = 2βi − exp(αy) + exp(−(1 − α)y): no unit is left.
-    let target = drive.asinh().abs() / alpha.min(1.0 - alpha).max(0.05);
-    let far = (y.abs() + target).min((drive - y).abs() * x.min(1.0) * 2.0 + 1e-3);
-    let count = (far / EXPONENT_STEP).ceil().clamp(1.0, MOST_SUBSTEPS);
-    let h = x / count;
-    for _ in 0..count as usize {
-        let (up, down) = ((alpha * y).exp(), (-(1.0 - alpha) * y).exp());
-        let rate = drive - up + down;
-        let slope = alpha * up + (1.0 - alpha) * down;
-        y += -(-h * slope).exp_m1() / slope * rate;
+    let rate = |y: f64| drive - (alpha * y).exp() + (-(1.0 - alpha) * y).exp();
+    let (mut left, mut settled) = (x, 0.0_f64);
+    for count in 1..=MOST_SUBSTEPS {
+        let (now, slope) = (rate(y), alpha * (alpha * y).exp() + (1.0 - alpha) * (-(1.0 - alpha) * y).exp());
+        // What a single step to the end would miss is of the second order in the rate.
+        let rests = now * now <= REST_V * to_exponent;
+        let short = (FIRST_STEP * (settled / 3.0).exp() / slope).min(EXPONENT_STEP / now.abs()).min(left);
+        let h = if rests || count == MOST_SUBSTEPS { left } else { short };
+        let z = h * slope;
+        let there = y - (-z).exp_m1() / slope * now;
+        y = there + 2.0 * h * phi_3(z) * (rate(there) - now + slope * (there - y));
+        settled += z;
+        left -= h;
+        if left <= 0.0 {
+            break;
+        }
     }
     y / to_exponent
+}
+
+/// (1 − z + z²/2 − exp(−z))/z³.
+fn phi_3(z: f64) -> f64 {
+    if z > 0.05 {
+        return (1.0 - z + 0.5 * z * z - (-z).exp()) / (z * z * z);
+    }
+    1.0 / 6.0 - z * (1.0 / 24.0 - z * (1.0 / 120.0 - z * (1.0 / 720.0 - z / 5040.0)))
 }
 
 #[cfg(test)]

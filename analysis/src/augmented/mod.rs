@@ -5,9 +5,11 @@
 //! records; [`impedance`] is the small-signal limit.
 
 mod branch;
+mod kept;
 mod network;
 mod play;
 
+pub use kept::{Augmented, Kept};
 pub use network::{Branch, Law, Network};
 pub use play::{Between, Grid, Player};
 

@@ -1,6 +1,7 @@
 //! The network between the open-circuit voltage and the terminals.
 
-use crate::model::Erm;
+use super::branch::{self, Gain};
+use crate::model::{Erm, RcBranch};
 use num_complex::Complex64;
 
 /// How the resistor of a branch answers to its voltage.
@@ -38,6 +39,23 @@ impl Branch {
     pub fn linear(r_ohm: f64, tau_s: f64) -> Self {
         Self { r_ohm, tau_s, law: Law::Linear }
     }
+
+    /// True where the resistor's current is proportional to its voltage.
+    pub fn is_linear(&self) -> bool {
+        !matches!(self.law, Law::Symmetric { beta } | Law::Asymmetric { beta, .. } if beta > 0.0)
+    }
+
+    /// Current through the resistor, A, at a voltage, its resistance times a factor.
+    pub fn conducted_a(&self, v: f64, factor: f64) -> f64 {
+        match self.law {
+            Law::Symmetric { beta } if beta > 0.0 => (beta * v / self.r_ohm).sinh() / (beta * factor),
+            Law::Asymmetric { beta, alpha } if beta > 0.0 => {
+                let x = 2.0 * beta * v / self.r_ohm;
+                ((alpha * x).exp() - (-(1.0 - alpha) * x).exp()) / (2.0 * beta * factor)
+            }
+            _ => v / (self.r_ohm * factor),
+        }
+    }
 }
 
 /// Series resistance and branches. The first branches are the base's, in its order, unless an effect has replaced one.
@@ -54,6 +72,28 @@ impl Network {
     pub fn of(erm: &Erm) -> Self {
         let branches = erm.branches.iter().map(|b| Branch::linear(b.r_ohm, b.time_constant_s())).collect();
         Self { r_ohm: erm.r_ohm, branches }
+    }
+
+    /// The same for small signals as an extended Randles model. Branches without resistance are left out.
+    pub fn linearised(&self) -> Erm {
+        let branches = self.branches.iter().filter(|b| b.r_ohm != 0.0);
+        Erm { r_ohm: self.r_ohm, branches: branches.map(|b| RcBranch { r_ohm: b.r_ohm, c_f: b.tau_s / b.r_ohm }).collect() }
+    }
+
+    /// Moves the voltages (V) of the branches over a step in which the current (A) and a factor on the resistances go straight from one value to
+    /// another. In a branch that is far faster than the step the end alone counts; one that is not linear sees the mean that a linear one would.
+    pub(crate) fn advance(&self, states_v: &mut [f64], factors: (f64, f64), currents_a: (f64, f64), step_s: f64) {
+        let mean = 0.5 * (factors.0 + factors.1);
+        let (from_a, to_a) = (currents_a.0 * factors.0 / mean, currents_a.1 * factors.1 / mean);
+        for (v, b) in states_v.iter_mut().zip(&self.branches) {
+            let gain = Gain::new(b, mean, step_s, true);
+            let pushed_v = gain.start * from_a + gain.end * to_a;
+            *v = if b.is_linear() {
+                gain.decay * *v + pushed_v
+            } else {
+                branch::step(b, mean, *v, pushed_v / (gain.start + gain.end), step_s)
+            };
+        }
     }
 
     /// Impedance for small signals, Ω.

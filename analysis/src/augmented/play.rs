@@ -166,16 +166,19 @@ impl Player {
                 if part > 0 {
                     at = self.instant(run, dynamics, (time_s, soc, from), &mut ocv);
                 }
-                // The dynamics see the mean current of the step, half before the branches move and half after; resistances are those of its middle.
-                at.current_a = 0.5 * (from + to);
+                // The dynamics see the mean current of each half of the step: one before the branches move, one after.
+                at.current_a = 0.75 * from + 0.25 * to;
+                let start = modulation(dynamics, &at).branches;
                 dynamics.iter_mut().for_each(|d| d.advance(&at, 0.5 * part_s));
-                let moved = at.current_a * part_s / capacity_c;
-                let middle = Instant { time_s: time_s + 0.5 * part_s, soc: soc - 0.5 * moved, ..at };
-                self.move_branches(run, modulation(dynamics, &middle), (from, to), (*d as usize, part_s));
+                let mean_a = 0.5 * (from + to);
+                let moved = mean_a * part_s / capacity_c;
+                let middle = Instant { time_s: time_s + 0.5 * part_s, current_a: mean_a, soc: soc - 0.5 * moved, ..at };
+                let factor = Change { start, middle: modulation(dynamics, &middle).branches };
+                self.move_branches(run, factor, (from, to), (*d as usize, part_s));
                 soc -= moved;
                 time_s += part_s;
                 let mut after = self.instant(run, dynamics, (time_s, soc, to), &mut ocv);
-                after.current_a = 0.5 * (from + to);
+                after.current_a = 0.25 * from + 0.75 * to;
                 dynamics.iter_mut().for_each(|d| d.advance(&after, 0.5 * part_s));
             }
         }
@@ -196,21 +199,30 @@ impl Player {
         at
     }
 
-    fn move_branches(&mut self, run: &Run<'_>, factor: Modulation, (from, to): (f64, f64), (d, part_s): (usize, f64)) {
+    fn move_branches(&mut self, run: &Run<'_>, factor: Change, (from, to): (f64, f64), (d, part_s): (usize, f64)) {
         let n = run.network.branches.len();
-        let linear = run.grid.between == Between::Linear;
         for (j, (v, branch)) in self.states_v.iter_mut().zip(&run.network.branches).enumerate() {
-            if branch.law != Law::Linear {
-                *v = branch::step(branch, factor.branches, *v, 0.5 * (from + to), part_s);
+            if factor.start == 1.0 && factor.middle == 1.0 && branch.law == Law::Linear {
+                let gain = self.gains[d * n + j];
+                *v = gain.decay * *v + gain.start * from + gain.end * to;
                 continue;
             }
-            let gain = match factor.branches {
-                1.0 => self.gains[d * n + j],
-                factor => Gain::new(branch, factor, part_s, linear),
+            // A fast branch ends with the resistance of the step's end: the product of resistance and current is what changes linearly.
+            let gain = Gain::new(branch, factor.middle, part_s, true);
+            let (start, end) = (gain.start * factor.start / factor.middle, gain.end * (2.0 - factor.start / factor.middle));
+            *v = match branch.law {
+                Law::Linear => gain.decay * *v + start * from + end * to,
+                _ => branch::ramp(branch, factor.middle * (start + end) / (gain.start + gain.end), *v, (from, to), part_s),
             };
-            *v = gain.decay * *v + gain.start * from + gain.end * to;
         }
     }
+}
+
+/// The factor on the branches' resistances over a step.
+#[derive(Clone, Copy)]
+struct Change {
+    start: f64,
+    middle: f64,
 }
 
 /// Everything a play reads.

@@ -196,6 +196,13 @@ impl<'a> Harness<'a> {
     }
 }
 
+/// Current through the shunt, A, and voltage across the jig, V, where nothing changes: skews and inductances have no part in it.
+pub(super) fn direct(values: &[f64; COUNT], volts: [f64; 4]) -> (f64, f64) {
+    let [v1, v2, v3, v4] = volts;
+    let [gain_2, gain_3, gain_4] = [values[GAIN], values[GAIN + 1], values[GAIN + 2]];
+    ((v2 / gain_2 - v1) / values[SHUNT_R], v4 / gain_4 - v3 / gain_3)
+}
+
 /// Potential of a channel's tip, from what it shows: V/c.
 fn tip(values: &[f64; COUNT], j_omega: Complex64, shown: Complex64, channel: usize) -> Slope {
     let shown_volts = Slope::variable(shown, channel, 1.0.into());

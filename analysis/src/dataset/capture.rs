@@ -33,7 +33,7 @@ pub struct Capture {
 pub struct CaptureMeta {
     /// What was measured, in words: the fixture, the point.
     pub label: String,
-    /// Frequency of the excitation, Hz.
+    /// Frequency of the excitation, Hz; 0 where direct currents flow.
     pub freq_hz: f64,
     /// Time between two samples, s.
     pub interval_s: f64,

@@ -3,6 +3,7 @@
 mod block;
 mod data;
 mod diagnose;
+mod distinguish;
 pub mod gate;
 mod guards;
 mod localise;
@@ -11,6 +12,7 @@ mod outcome;
 mod prepare;
 mod problem;
 mod propose;
+pub mod report;
 mod select;
 mod structure;
 mod whitening;
@@ -19,6 +21,7 @@ pub mod yardstick;
 pub use block::DataSetError;
 pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
 pub use diagnose::{DiagnosisOptions, Outcome, diagnose, significant};
+pub use distinguish::distinguish;
 pub use guards::Guards;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence, FittedParameter, Gap, NamedEffect,

@@ -169,6 +169,14 @@ impl Shape {
         }
     }
 
+    /// What a growth of all resistances in proportion to an order does to the rows.
+    fn trend(&self, order: f64) -> Vec<f64> {
+        let resistance = self.vectors.iter().find(|(term, _)| *term == Term::Resistance);
+        // A spectrum's rows grow with the resistance, a record's voltage falls.
+        let sign = if self.white.0 == Term::Eis { 1.0 } else { -1.0 };
+        resistance.map_or_else(|| vec![0.0; self.n], |(_, v)| v.iter().map(|x| sign * order * x).collect())
+    }
+
     /// Leaves the errors of the current channel out.
     pub(super) fn forget_current_channel(&mut self) {
         self.vectors.retain(|(term, _)| !matches!(term, Term::Gain | Term::Zero));
@@ -260,6 +268,8 @@ fn edge_shift(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
 struct Group<'a> {
     shape: &'a Shape,
     contrasts: Vec<Vec<f64>>,
+    /// The same differences of what a steady growth of all resistances with the run's order would do.
+    trends: Vec<Vec<f64>>,
 }
 
 /// σ's as found.
@@ -281,11 +291,16 @@ pub(super) fn estimate(blocks: &[Block], shapes: &[Shape], residuals: &[Vec<f64>
         members.entry((&b.group, b.rows())).or_default().push(k);
     }
     let repeats = members.values().map(Vec::len).max().unwrap_or(0);
-    let groups: Vec<Group<'_>> = members
+    let mut groups: Vec<Group<'_>> = members
         .values()
         .filter(|m| m.len() > 1)
-        .map(|m| Group { shape: &shapes[m[0]], contrasts: contrasts(&m.iter().map(|k| residuals[*k].as_slice()).collect::<Vec<_>>()) })
+        .map(|m| Group {
+            shape: &shapes[m[0]],
+            contrasts: contrasts(&m.iter().map(|k| residuals[*k].clone()).collect::<Vec<_>>()),
+            trends: contrasts(&m.iter().map(|k| shapes[*k].trend(blocks[*k].at.order)).collect::<Vec<_>>()),
+        })
         .collect();
+    remove_trend(&mut groups, &prior.log_sigmas);
     let mut theta = prior.log_sigmas;
     if groups.is_empty() {
         return Estimate { log_sigmas: theta, z: [None; TERMS.len()], repeat_z: None, repeats };
@@ -309,7 +324,7 @@ pub(super) fn estimate(blocks: &[Block], shapes: &[Shape], residuals: &[Vec<f64>
 }
 
 /// Orthonormal differences of repeats (Helmert).
-fn contrasts(repeats: &[&[f64]]) -> Vec<Vec<f64>> {
+fn contrasts(repeats: &[Vec<f64>]) -> Vec<Vec<f64>> {
     (1..repeats.len())
         .map(|k| {
             let weight = 1.0 / ((k * (k + 1)) as f64).sqrt();
@@ -317,6 +332,28 @@ fn contrasts(repeats: &[&[f64]]) -> Vec<Vec<f64>> {
             (0..repeats[0].len()).map(|row| weight * (k as f64 * repeats[k][row] - others(row))).collect()
         })
         .collect()
+}
+
+/// Takes the best common growth of resistance over run order off the differences: ageing is an effect to be named, not noise.
+fn remove_trend(groups: &mut [Group<'_>], theta: &LogSigmas) {
+    let (mut along, mut size) = (0.0, 0.0);
+    for group in groups.iter() {
+        let Some(white) = Whitener::new(group.shape.covariance(theta), group.shape.n) else { return };
+        for (h, t) in group.contrasts.iter().zip(&group.trends) {
+            let solved = white.solve(t);
+            along += dot(&solved, h);
+            size += dot(&solved, t);
+        }
+    }
+    if size <= 0.0 {
+        return;
+    }
+    let growth = along / size;
+    for group in groups {
+        for (h, t) in group.contrasts.iter_mut().zip(&group.trends) {
+            h.iter_mut().zip(t).for_each(|(h, t)| *h -= growth * t);
+        }
+    }
 }
 
 /// Gradient of −ln L and the average information matrix.

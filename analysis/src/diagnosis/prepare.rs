@@ -3,8 +3,8 @@
 use super::block::{Block, DataSetError, Desk};
 use super::data::{DataSet, Fixture, Role, RunData, Start};
 use super::guards::Guards;
-use super::noise::{Estimate, Prior, Shape, TERMS, Term, estimate};
-use super::problem::Problem;
+use super::noise::{Estimate, Prior, Shape, Term, estimate};
+use super::problem::{Fit, Problem};
 use super::whitening::Whitener;
 use crate::augmented::network;
 use crate::effects::{Base, Facts};
@@ -58,9 +58,16 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
         })
         .collect();
     let estimate = estimate(&blocks, &shapes, &residuals, &prior);
+    let (whiteners, floors) = weigh(&blocks, &shapes, &estimate)?;
+    let sample_noise_v = estimate.log_sigmas[Term::White as usize].exp();
+    Ok(Prepared { problem: Problem { base, blocks, whiteners, floors }, estimate, prior, sample_noise_v })
+}
+
+/// Whitener and standard deviations of every block.
+fn weigh(blocks: &[Block], shapes: &[Shape], estimate: &Estimate) -> Result<(Vec<Whitener>, Vec<Vec<f64>>), DataSetError> {
     let mut whiteners = Vec::with_capacity(blocks.len());
     let mut floors = Vec::with_capacity(blocks.len());
-    for (block, shape) in blocks.iter().zip(&shapes) {
+    for (block, shape) in blocks.iter().zip(shapes) {
         let covariance = shape.covariance(&estimate.log_sigmas);
         let n = block.rows();
         floors.push((0..n).map(|i| covariance[i * n + i].sqrt()).collect());
@@ -68,9 +75,40 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
             || DataSetError::Run { run: block.name.clone(), expected: "noise that is not zero", met: "a singular covariance".to_owned() };
         whiteners.push(Whitener::new(covariance, n).ok_or_else(met)?);
     }
-    let sample_noise_v = estimate.log_sigmas[Term::White as usize].exp();
-    debug_assert_eq!(TERMS[Term::White as usize].0, Term::White);
-    Ok(Prepared { problem: Problem { base, blocks, whiteners, floors }, estimate, prior, sample_noise_v })
+    Ok((whiteners, floors))
+}
+
+impl Prepared {
+    /// The noise found anew from what a fit leaves: an effect that the base lacks makes repeats with slightly different currents differ.
+    pub(super) fn again(mut self, fit: &Fit, guards: Guards) -> Result<Self, DataSetError> {
+        let mut desk = Desk::default();
+        let problem = &mut self.problem;
+        let mut shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
+        if !guards.current_channel_noise {
+            shapes.iter_mut().for_each(Shape::forget_current_channel);
+        }
+        let residuals: Vec<Vec<f64>> = (0..problem.blocks.len())
+            .map(|k| {
+                let rows = problem.predict((&fit.structure, &fit.x), k, 1, &mut desk);
+                problem.blocks[k].measured.iter().zip(rows).map(|(m, p)| m - p).collect()
+            })
+            .collect();
+        self.estimate = estimate(&problem.blocks, &shapes, &residuals, &self.prior);
+        (problem.whiteners, problem.floors) = weigh(&problem.blocks, &shapes, &self.estimate)?;
+        self.sample_noise_v = self.estimate.log_sigmas[Term::White as usize].exp();
+        Ok(self)
+    }
+
+    /// The same problem with other measurements of the same campaign, under the noise found.
+    pub(super) fn with_runs(mut self, set: &DataSet) -> Result<Self, DataSetError> {
+        let problem = &mut self.problem;
+        problem.blocks = set.runs.iter().map(|r| Block::new(r, &problem.base)).collect::<Result<Vec<Block>, DataSetError>>()?;
+        problem.blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
+        let mut desk = Desk::default();
+        let shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
+        (problem.whiteners, problem.floors) = weigh(&problem.blocks, &shapes, &self.estimate)?;
+        Ok(self)
+    }
 }
 
 fn facts(set: &DataSet, ocv: &OcvCurve) -> Facts {

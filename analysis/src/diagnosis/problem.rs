@@ -50,6 +50,11 @@ impl Problem {
         self.of_role(Role::Train).map(|k| self.blocks[k].rows()).sum()
     }
 
+    /// Training rows less parameters.
+    pub(super) fn degrees_of_freedom(&self, fit: &Fit) -> f64 {
+        self.training_rows() as f64 - fit.x.len() as f64
+    }
+
     pub(super) fn of_role(&self, role: Role) -> impl Iterator<Item = usize> {
         self.blocks.iter().enumerate().filter(move |(_, b)| b.role == role).map(|(k, _)| k)
     }
@@ -59,27 +64,32 @@ impl Problem {
         Base { erm, ..self.base.clone() }
     }
 
-    /// Predicted rows of one block.
+    /// Predicted rows of one block, every step divided into `parts` times as many as the structure wants.
     pub(super) fn predict(&self, (structure, x): (&Structure, &[f64]), block: usize, parts: usize, desk: &mut Desk) -> Vec<f64> {
         let (erm, values) = structure.decode(x, self.branches());
         let base = self.base_with(erm);
         let added = structure.added(&values);
         let mut rows = Vec::with_capacity(self.blocks[block].rows());
-        self.blocks[block].predict((&base, &added, &network(&base, &added)), parts, desk, &mut rows);
+        self.blocks[block].predict((&base, &added, &network(&base, &added)), structure.parts * parts, desk, &mut rows);
         rows
     }
 
     /// Whitened predictions of the training rows.
-    fn whitened(&self, (structure, x): (&Structure, &[f64]), desk: &mut Desk) -> Vec<f64> {
+    fn whitened(&self, at: (&Structure, &[f64]), desk: &mut Desk) -> Vec<f64> {
+        self.whitened_of(Role::Train, at, desk)
+    }
+
+    /// Whitened predictions of the rows of a role.
+    pub(super) fn whitened_of(&self, role: Role, (structure, x): (&Structure, &[f64]), desk: &mut Desk) -> Vec<f64> {
         let (erm, values) = structure.decode(x, self.branches());
         let base = self.base_with(erm);
         let added = structure.added(&values);
         let network = network(&base, &added);
         let mut all = Vec::with_capacity(self.training_rows());
         let mut rows = Vec::new();
-        for k in self.of_role(Role::Train) {
+        for k in self.of_role(role) {
             rows.clear();
-            self.blocks[k].predict((&base, &added, &network), 1, desk, &mut rows);
+            self.blocks[k].predict((&base, &added, &network), structure.parts, desk, &mut rows);
             self.whiteners[k].apply(&rows, &mut all);
         }
         all
@@ -87,8 +97,13 @@ impl Problem {
 
     /// Whitened measured training rows.
     fn target(&self) -> Vec<f64> {
+        self.target_of(Role::Train)
+    }
+
+    /// Whitened measured rows of a role.
+    pub(super) fn target_of(&self, role: Role) -> Vec<f64> {
         let mut all = Vec::with_capacity(self.training_rows());
-        self.of_role(Role::Train).for_each(|k| self.whiteners[k].apply(&self.blocks[k].measured, &mut all));
+        self.of_role(role).for_each(|k| self.whiteners[k].apply(&self.blocks[k].measured, &mut all));
         all
     }
 
@@ -232,6 +247,11 @@ impl Fit {
     pub(super) fn member_at_bound(&self, member: usize, branches: usize) -> bool {
         let first = self.structure.first(member, branches);
         (first..first + self.structure.members[member].free()).any(|k| at_bound(self.x[k], &self.axes[k]))
+    }
+
+    /// Another fit's structure at the coordinates that this one, which has one effect more, gives to it.
+    pub(super) fn base_of(&self, other: &Self) -> Self {
+        Self { x: self.x[..other.x.len()].to_vec(), ..other.clone() }
     }
 
     /// An orthonormal basis of the tangent space.

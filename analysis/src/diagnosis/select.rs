@@ -3,14 +3,18 @@
 use super::block::Desk;
 use super::data::Role;
 use super::guards::{
-    ALWAYS_FITTED, GOOD_FIT_Z, Guards, HELD_OUT_PART, HELD_OUT_SUM, INTEGRATION_PART, LEAST_DEVIATES, LEAST_LAGRANGE, LEAST_SCORE,
-    MATERIAL_SHARE, MOST_EFFECTS, MOST_FITTED, NAMING_LEAD, NEAR_BEST,
+    ALWAYS_FITTED, GOOD_FIT_Z, Guards, HELD_OUT_PART, HELD_OUT_SUM, HELD_OUT_Z, INTEGRATION_PART, LEAST_LAGRANGE, LEAST_LAMBDA,
+    LEAST_SCORE, MATERIAL_SHARE, MOST_EFFECTS, MOST_FITTED, MOST_PARTS, NAMING_LEAD, NEAR_BEST,
 };
 use super::outcome::{Candidate, Evidence};
 use super::problem::{Fit, Problem, Tangent};
 use super::propose::{Proposal, propose};
+use super::structure::Member;
 use super::whitening::dot;
 use crate::effects::Effect;
+
+/// χ² that a shape at its bound must gain over a held one to be believed.
+const DRIFT: f64 = 12.0;
 
 /// A fitted addition.
 #[derive(Debug, Clone)]
@@ -61,10 +65,6 @@ pub(super) fn excess_z(chi2: f64, dof: f64) -> f64 {
 }
 
 impl Search<'_> {
-    pub(super) fn degrees_of_freedom(&self, fit: &Fit) -> f64 {
-        self.problem.training_rows() as f64 - fit.x.len() as f64
-    }
-
     /// Adds and prunes, from the base's fit.
     pub(super) fn run(&mut self, base: &Fit) -> Selection {
         let mut selection = Selection { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None };
@@ -74,10 +74,11 @@ impl Search<'_> {
             let mut ranking = ranking;
             selection.refused = None;
             let mut accepted = None;
-            for attempt in &attempts {
-                match self.accept(&selection.fit, attempt) {
+            for attempt in attempts {
+                let attempt = self.integrated(&selection.fit, attempt);
+                match self.accept(&selection.fit, &attempt) {
                     Ok(evidence) => {
-                        accepted = Some((attempt.clone(), evidence));
+                        accepted = Some((attempt, evidence));
                         break;
                     }
                     Err(reason) => {
@@ -102,6 +103,7 @@ impl Search<'_> {
         }
         self.prune(base, &mut selection);
         self.find_rivals(&mut selection);
+        self.free_shapes(&mut selection);
         selection
     }
 
@@ -143,25 +145,39 @@ impl Search<'_> {
         (attempts, ranking)
     }
 
-    /// The best fit of one candidate over its two most promising starts.
+    /// The best fit of one candidate: over its two most promising starts with the shapes held there, and from the better one with the shapes free.
+    /// What the shapes gain must be worth their number.
     fn attempt(&mut self, fit: &Fit, proposals: &[Proposal]) -> Attempt {
-        let mut best: Option<Fit> = None;
-        for proposal in proposals.iter().take(2) {
-            let structure = fit.structure.with(proposal.member.clone());
-            let axes = structure.axes(&self.problem.base.erm);
-            let mut x = fit.x.clone();
-            x.extend(proposal.member.encode());
-            x.iter_mut().zip(&axes).for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
-            let found = self.problem.fit_from(&structure, x, axes, &mut self.desk);
-            if best.as_ref().is_none_or(|b| found.chi2 < b.chi2) {
-                best = Some(found);
-            }
+        let held: Vec<Attempt> = proposals.iter().take(2).map(|p| self.try_member(fit, &p.member.frozen())).collect();
+        let best = usize::from(held.len() > 1 && held[1].score > held[0].score);
+        let (member, held) = (&proposals[best].member, held[best].clone());
+        if member.frozen().free() == member.free() {
+            return held;
         }
-        let best = best.unwrap_or_else(|| fit.clone());
-        let lambda = fit.chi2 - best.chi2;
-        let choices = proposals[0].choices;
-        let score = lambda - self.penalty(proposals[0].member.free(), choices);
-        Attempt { name: proposals[0].member.name(), fit: best, lambda, score }
+        let strength = held.fit.decode(self.problem.branches()).1.pop().and_then(|v| v.first().copied()).unwrap_or(member.start[0]);
+        let mut start = member.start.clone();
+        start[0] = strength;
+        let free = self.try_member(&held.fit.base_of(fit), &member.from(&start));
+        let free = Attempt {
+            lambda: fit.chi2 - free.fit.chi2,
+            score: fit.chi2 - free.fit.chi2 - self.penalty(member.free(), member.choices()),
+            ..free
+        };
+        let bound = self.guards.bound && free.fit.member_at_bound(free.fit.structure.members.len() - 1, self.problem.branches());
+        // Shapes that the data do not fix drift to a bound: they say nothing then.
+        let drifted = bound && free.lambda < held.lambda + DRIFT;
+        if drifted || held.score >= free.score { held } else { free }
+    }
+
+    fn try_member(&mut self, fit: &Fit, member: &Member) -> Attempt {
+        let structure = fit.structure.with(member.clone());
+        let axes = structure.axes(&self.problem.base.erm);
+        let mut x = fit.x.clone();
+        x.extend(member.encode());
+        x.iter_mut().zip(&axes).for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+        let found = self.problem.fit_from(&structure, x, axes, &mut self.desk);
+        let lambda = fit.chi2 - found.chi2;
+        Attempt { name: member.name(), score: lambda - self.penalty(member.free(), member.choices()), lambda, fit: found }
     }
 
     /// What parameters and choices cost: k·ln N, and twice the logarithm of the number of choices.
@@ -169,10 +185,26 @@ impl Search<'_> {
         free as f64 * (self.problem.training_rows() as f64).ln() + 2.0 * (choices as f64).ln()
     }
 
+    /// The attempt with steps so fine that integration is no question; as it is where it has no say anyway.
+    fn integrated(&mut self, before: &Fit, mut attempt: Attempt) -> Attempt {
+        while self.guards.integration
+            && attempt.score >= LEAST_SCORE
+            && attempt.fit.structure.parts < MOST_PARTS
+            && self.integration_error(&attempt.fit) > INTEGRATION_PART
+        {
+            let mut structure = attempt.fit.structure.clone();
+            structure.parts *= 2;
+            let fit = self.problem.fit_from(&structure, attempt.fit.x, attempt.fit.axes, &mut self.desk);
+            let lambda = before.chi2 - fit.chi2;
+            attempt = Attempt { score: attempt.score + lambda - attempt.lambda, lambda, fit, ..attempt };
+        }
+        attempt
+    }
+
     /// Everything that must speak for an addition; the reason where something does not.
     fn accept(&mut self, before: &Fit, attempt: &Attempt) -> Result<Evidence, String> {
-        let dof = self.degrees_of_freedom(before);
-        let (excess, left) = (before.chi2 - dof, excess_z(attempt.fit.chi2, self.degrees_of_freedom(&attempt.fit)));
+        let dof = self.problem.degrees_of_freedom(before);
+        let (excess, left) = (before.chi2 - dof, excess_z(attempt.fit.chi2, self.problem.degrees_of_freedom(&attempt.fit)));
         let share = if excess > 0.0 { (attempt.lambda / excess).min(1.0) } else { 1.0 };
         if attempt.score < LEAST_SCORE {
             return Err(format!("penalised gain {:.1}: expected at least {LEAST_SCORE}", attempt.score));
@@ -184,10 +216,7 @@ impl Search<'_> {
         if self.guards.bound && attempt.fit.member_at_bound(member, self.problem.branches()) {
             return Err("a parameter lies at its bound".to_owned());
         }
-        let first = attempt.fit.structure.first(member, self.problem.branches());
-        let n = attempt.fit.x.len();
-        let deviates = attempt.fit.covariance().map(|c| attempt.fit.x[first].abs() / c[first * n + first].sqrt());
-        if deviates.is_none_or(|d| d < LEAST_DEVIATES) {
+        if attempt.lambda < LEAST_LAMBDA {
             return Err("its interval does not leave zero out".to_owned());
         }
         let held_out_change = self.held_out(before, &attempt.fit)?;
@@ -209,7 +238,37 @@ impl Search<'_> {
             }
             change += new - old;
         }
+        let z = self.contradiction(before, after);
+        if self.guards.held_out && z.abs() > HELD_OUT_Z {
+            return Err(format!("held-out runs contradict the size of what it predicts for them by {z:.1} standard deviations"));
+        }
         Ok(change)
+    }
+
+    /// What the held-out runs still say along the change that the addition makes to their prediction, in standard deviations of noise and parameters:
+    /// u·r/√(1 + uᵀJΣJᵀu) with u the direction of the change. A true effect leaves nothing there but noise.
+    fn contradiction(&mut self, before: &Fit, after: &Fit) -> f64 {
+        let problem = self.problem;
+        let old = problem.whitened_of(Role::HeldOut, (&before.structure, &before.x), &mut self.desk);
+        let new = problem.whitened_of(Role::HeldOut, (&after.structure, &after.x), &mut self.desk);
+        let mut u: Vec<f64> = new.iter().zip(&old).map(|(n, o)| n - o).collect();
+        let size = dot(&u, &u).sqrt();
+        let n = after.x.len();
+        let (Some(covariance), true) = (after.covariance(), size > 1e-6) else { return 0.0 };
+        u.iter_mut().for_each(|u| *u /= size);
+        let left: Vec<f64> = problem.target_of(Role::HeldOut).iter().zip(&new).map(|(t, p)| t - p).collect();
+        let along: Vec<f64> = (0..n)
+            .map(|k| {
+                let mut x = after.x.clone();
+                let axis = &after.axes[k];
+                let step = if x[k] + axis.step > axis.upper { -axis.step } else { axis.step };
+                x[k] += step;
+                let moved = problem.whitened_of(Role::HeldOut, (&after.structure, &x), &mut self.desk);
+                moved.iter().zip(&new).zip(&u).map(|((m, p), u)| u * (m - p)).sum::<f64>() / step
+            })
+            .collect();
+        let spread: f64 = (0..n * n).map(|ij| along[ij / n] * along[ij % n] * covariance[ij]).sum();
+        dot(&u, &left) / (1.0 + spread.max(0.0)).sqrt()
     }
 
     /// Largest change of any row by halving all steps, as a part of its noise.
@@ -231,7 +290,7 @@ impl Search<'_> {
         while selection.taken.len() > 1 && k < selection.taken.len() {
             let without = self.refit_without(base, &selection.fit, k);
             let member = &selection.fit.structure.members[k];
-            let cost = without.chi2 - selection.fit.chi2 - self.penalty(member.free(), 1);
+            let cost = without.chi2 - selection.fit.chi2 - self.penalty(member.free(), member.choices());
             if cost < 0.0 {
                 selection.fit = without;
                 selection.taken.remove(k);
@@ -256,6 +315,27 @@ impl Search<'_> {
         if stay.chi2 <= fresh.chi2 { stay } else { fresh }
     }
 
+    /// Lets shapes go that were held while effects were chosen, so that intervals know of them; as they are where that drives one to a bound.
+    fn free_shapes(&mut self, selection: &mut Selection) {
+        let branches = self.problem.branches();
+        for k in 0..selection.taken.len() {
+            let (erm, values) = selection.fit.decode(branches);
+            let mut structure = selection.fit.structure.clone();
+            for (member, value) in structure.members.iter_mut().zip(&values) {
+                member.start.clone_from(value);
+            }
+            let own = structure.members[k].effect.parameters(&self.problem.base);
+            if structure.members[k].parameters == own {
+                continue;
+            }
+            structure.members[k].parameters = own;
+            let free = self.problem.fit(&structure, &erm, &mut self.desk);
+            if !free.member_at_bound(k, branches) && free.chi2 <= selection.fit.chi2 + 1.0 {
+                selection.fit = free;
+            }
+        }
+    }
+
     /// For every effect taken, those that would do as well in its place.
     fn find_rivals(&mut self, selection: &mut Selection) {
         let names: Vec<&'static str> = selection.taken.iter().map(|t| t.name).collect();
@@ -264,8 +344,7 @@ impl Search<'_> {
             let without = self.refit_without(&start, &selection.fit, k);
             let member = &selection.fit.structure.members[k];
             let (attempts, _) = self.attempts(&without, Some(name));
-            let choices = 1;
-            let own = without.chi2 - selection.fit.chi2 - self.penalty(member.free(), choices);
+            let own = without.chi2 - selection.fit.chi2 - self.penalty(member.free(), member.choices());
             for other in attempts {
                 let gap = other.score - own;
                 if gap < -NAMING_LEAD || names.contains(&other.name) {

@@ -36,6 +36,23 @@ impl Member {
         self.effect.card().name
     }
 
+    /// The same with all shapes held where they start.
+    pub(super) fn frozen(&self) -> Self {
+        let mut held = self.clone();
+        held.choice = self.start.clone();
+        for (p, start) in held.parameters.iter_mut().zip(&self.start).skip(1) {
+            if p.scale == Scale::Log {
+                (p.scale, p.starts) = (Scale::Choice, vec![*start]);
+            }
+        }
+        held
+    }
+
+    /// The same with other starts.
+    pub(super) fn from(&self, start: &[f64]) -> Self {
+        Self { start: start.to_vec(), ..self.clone() }
+    }
+
     /// Coordinates of its starts.
     pub(super) fn encode(&self) -> Vec<f64> {
         let coordinate = |p: &Parameter, v: f64| match p.scale {
@@ -46,6 +63,11 @@ impl Member {
         self.parameters.iter().zip(&self.start).filter_map(|(p, v)| coordinate(p, *v)).collect()
     }
 
+    /// How many combinations of its choices there are.
+    pub(super) fn choices(&self) -> usize {
+        self.parameters.iter().filter(|p| p.scale == Scale::Choice).map(|p| p.starts.len()).product()
+    }
+
     /// Parameters that are searched.
     pub(super) fn free(&self) -> usize {
         self.parameters.iter().filter(|p| p.scale != Scale::Choice).count()
@@ -53,9 +75,17 @@ impl Member {
 }
 
 /// The base with effects.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(super) struct Structure {
     pub(super) members: Vec<Member>,
+    /// Parts that every step of a record is divided into.
+    pub(super) parts: usize,
+}
+
+impl Default for Structure {
+    fn default() -> Self {
+        Self { members: Vec::new(), parts: 1 }
+    }
 }
 
 /// Where in the search a vector entry comes from.
@@ -71,13 +101,13 @@ impl Structure {
     pub(super) fn with(&self, member: Member) -> Self {
         let mut members = self.members.clone();
         members.push(member);
-        Self { members }
+        Self { members, parts: self.parts }
     }
 
     pub(super) fn without(&self, index: usize) -> Self {
         let mut members = self.members.clone();
         members.remove(index);
-        Self { members }
+        Self { members, parts: self.parts }
     }
 
     /// The axes of the vector, the base's first; its bounds lie around `start`.
@@ -139,10 +169,11 @@ impl Structure {
     }
 }
 
-/// True where a value of an axis lies at one of its bounds; a lower bound of zero of a strength is absence and counts as well.
+/// True where a value of an axis lies at one of its bounds. A strength may be small: near a bound of zero it is judged by its interval instead.
 pub(super) fn at_bound(x: f64, axis: &Axis) -> bool {
     let near = AT_BOUND * (axis.upper - axis.lower);
-    x - axis.lower <= near || axis.upper - x <= near
+    let absent = axis.lower == 0.0 && x > 0.0;
+    (x - axis.lower <= near && !absent) || axis.upper - x <= near
 }
 
 fn encode_erm(erm: &Erm) -> Vec<f64> {

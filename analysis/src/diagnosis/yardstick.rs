@@ -2,7 +2,7 @@
 //!
 //! Nothing here is used by a diagnosis.
 
-use super::block::{Block, DataSetError, Desk};
+use super::block::{DataSetError, Desk};
 use super::data::DataSet;
 use super::diagnose::{base_fit, gaps};
 use super::guards::Guards;
@@ -16,22 +16,8 @@ use crate::effects::find;
 /// # Errors
 /// [`DataSetError`] for a set that cannot be used.
 pub fn removable_chi2(noisy: &DataSet, clean: &DataSet, model: &BaseModel) -> Result<f64, DataSetError> {
-    let mut prepared = prepare(noisy, model, Guards::default())?;
-    let problem = &mut prepared.problem;
-    let mut blocks = clean.runs.iter().map(|r| Block::new(r, &problem.base)).collect::<Result<Vec<Block>, DataSetError>>()?;
-    blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
-    // Noise moves the edges' threshold a little: only blocks whose rows agree can be whitened.
-    for (block, old) in blocks.iter().zip(&problem.blocks) {
-        if block.rows() != old.rows() {
-            return Err(DataSetError::Run {
-                run: block.name.clone(),
-                expected: "as many rows as with noise",
-                met: block.rows().to_string(),
-            });
-        }
-    }
-    problem.blocks = blocks;
-    Ok(base_fit(problem, &model.erm, &mut Desk::default()).chi2)
+    let prepared = prepare(noisy, model, Guards::default())?.with_runs(clean)?;
+    Ok(base_fit(&prepared.problem, &model.erm, &mut Desk::default()).chi2)
 }
 
 /// Gaps on the held-out records of the base with the named effects, fitted without any question whether they belong there.

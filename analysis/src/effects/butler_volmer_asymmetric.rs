@@ -33,7 +33,7 @@ impl Effect for ButlerVolmerAsymmetric {
         }
         let upper = greatest_beta(base);
         vec![
-            Parameter::strength("beta_per_a", "1/A", Range { lower: 0.0, upper }, 0.1 * upper),
+            Parameter::strength("beta_per_a", "1/A", Range { lower: 0.0, upper }, 0.03 * upper),
             Parameter::choice("branch", base.erm.branches.len()),
             Parameter::shape("alpha", "", Range { lower: 0.1, upper: 0.9 }, vec![0.3, 0.7]),
         ]

@@ -7,13 +7,16 @@ static CARD: Card = Card {
     title: "smoothing of the logged current",
     group: Group::Bench,
     mechanism: "The current channel of the time records averages or filters, so that the voltage steps before the current does.",
-    state_equation: "τ·di_logged/dt = i − i_logged, so that i = i_logged + τ·di_logged/dt; τ in s",
+    state_equation: "τ·dy/dt = i − y, i_logged the mean of y over a sampling interval; τ in s",
     impedance: "none: the sweeps' current is fitted at one frequency by another instrument",
-    source: "first-order low-pass; its integral over a step, mean i = mean i_logged + τ·Δi_logged/Δt, is exact",
+    source: "first-order low-pass averaged over the sampling interval, inverted step by step",
     signature: "at an edge the voltage has moved and the current has not yet; nothing later",
     confounders: &["channel_bandwidth", "rc_slow"],
     experiment: "a current step into a shunt, logged as fast as can be",
 };
+
+/// Part of a step's mean that must be new: below it, nothing is left to undo the lag from.
+const LEAST_NEW: f64 = 1e-3;
 
 /// See [`Effect::card`].
 #[derive(Debug)]
@@ -29,21 +32,28 @@ impl Effect for CurrentSmoothing {
             return Vec::new();
         }
         let upper = (0.1 * base.facts.longest_s).min(5.0);
-        vec![Parameter::strength("tau_s", "s", Range { lower: 0.0, upper }, 0.01 * upper)]
+        let typical = (0.01 * upper).min(0.1 * base.facts.shortest_s);
+        vec![Parameter::strength("tau_s", "s", Range { lower: 0.0, upper }, typical)]
     }
 
-    /// The slope is that of the step that follows a sample: a held current flows in it, and the charge of every step is right. The last sample takes
-    /// the slope before it.
+    /// A first-order lag whose output is averaged over each step is undone exactly: with m = (τ/h)(1 − exp(−h/τ)), the part of a step's mean that is still
+    /// the lagging state y, i = (logged − m·y)/(1 − m) and y moves to i + (y − i)exp(−h/τ).
     fn current(&self, p: &[f64], record: &Record<'_>, current_a: &mut [f64]) {
-        let mut slope_a_per_s = 0.0;
-        for k in 0..current_a.len() {
-            if let (Some(next_a), Some(next_s)) = (current_a.get(k + 1), record.time_s.get(k + 1)) {
-                let step_s = next_s - record.time_s[k];
-                if step_s > 0.0 {
-                    slope_a_per_s = (next_a - current_a[k]) / step_s;
-                }
+        let tau_s = p[0];
+        if tau_s <= 0.0 {
+            return;
+        }
+        let mut lagging_a = current_a.first().copied().unwrap_or(0.0);
+        let mut step_s = 1.0;
+        for (k, logged_a) in current_a.iter_mut().enumerate() {
+            if let Some(next_s) = record.time_s.get(k + 1) {
+                step_s = (next_s - record.time_s[k]).max(1e-9);
             }
-            current_a[k] += p[0] * slope_a_per_s;
+            let gone = -(-step_s / tau_s).exp_m1();
+            let m = tau_s / step_s * gone;
+            let flowed_a = (*logged_a - m * lagging_a) / (1.0 - m).max(LEAST_NEW);
+            lagging_a = flowed_a + (lagging_a - flowed_a) * (1.0 - gone);
+            *logged_a = flowed_a;
         }
     }
 }

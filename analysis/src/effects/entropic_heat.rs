@@ -7,7 +7,7 @@ static CARD: Card = Card {
     title: "entropic heat and open-circuit voltage over temperature",
     group: Group::Cell,
     mechanism: "The reaction's entropy gives off or takes up heat with the current's sign, and by the same dU/dT the open-circuit voltage follows the temperature.",
-    state_equation: "C·dΔT/dt = i·η − i·T·dU/dT − C·ΔT/τ, V += dU/dT·ΔT; dU/dT in V/K, C = 14.8 J/K per Ah (70 g of 950 J/(kg·K) at 4.5 Ah) and τ = 600 s fixed; what the heat does to resistances is self_heating's",
+    state_equation: "C·dΔT/dt = i·η − i·T·dU/dT − C·ΔT/τ, V += dU/dT·ΔT; dU/dT in V/K, C in J/K about 14.8 per Ah (70 g of 950 J/(kg·K) at 4.5 Ah), τ in s; what the heat does to resistances is self_heating's",
     impedance: "none within the band",
     source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, with the reversible term; heat capacity of a P45B cell",
     signature: "a slow shift of the voltage with the heat received, which lasts for minutes at rest and is the same for charge and discharge",
@@ -17,8 +17,8 @@ static CARD: Card = Card {
 
 /// Heat capacity over electric capacity, J/K per Ah: 0.070 kg · 950 J/(kg·K) / 4.5 Ah.
 const HEAT_CAPACITY_J_PER_K_AH: f64 = 0.070 * 950.0 / 4.5;
-/// Time constant of cooling, s.
-const COOLING_S: f64 = 600.0;
+/// How far the heat capacity may be from it, as a factor.
+const HEAT_CAPACITY_REACH: f64 = 2.0;
 
 /// See [`Effect::card`].
 #[derive(Debug)]
@@ -33,14 +33,21 @@ impl Effect for EntropicHeat {
         if base.facts.longest_s <= 0.0 {
             return Vec::new();
         }
-        vec![Parameter::strength("du_dt_v_per_k", "V/K", Range { lower: -3e-3, upper: 3e-3 }, 1e-4)]
+        let heat = HEAT_CAPACITY_J_PER_K_AH * base.ocv.capacity_ah;
+        let around = Range { lower: heat / HEAT_CAPACITY_REACH, upper: heat * HEAT_CAPACITY_REACH };
+        vec![
+            Parameter::strength("du_dt_v_per_k", "V/K", Range { lower: -6e-3, upper: 6e-3 }, 1e-4),
+            Parameter::shape("heat_j_per_k", "J/K", around, vec![heat]),
+            Parameter::shape("tau_s", "s", Range { lower: 60.0, upper: 6000.0 }, vec![600.0]),
+        ]
     }
 
-    fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
+    fn dynamics(&self, p: &[f64], _base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
         Some(Box::new(Warmth {
             du_dt_v_per_k: p[0],
             start_k: record.temperature_c + 273.15,
-            heat_capacity_j_per_k: HEAT_CAPACITY_J_PER_K_AH * base.ocv.capacity_ah,
+            heat_capacity_j_per_k: p[1],
+            cooling_s: p[2],
             rise_k: 0.0,
         }))
     }
@@ -50,6 +57,7 @@ struct Warmth {
     du_dt_v_per_k: f64,
     start_k: f64,
     heat_capacity_j_per_k: f64,
+    cooling_s: f64,
     /// ΔT.
     rise_k: f64,
 }
@@ -63,7 +71,7 @@ impl Dynamics for Warmth {
         // C·dΔT/dt = i(η − (T₀ + ΔT)·dU/dT) − C·ΔT/τ is linear in ΔT.
         let reversible_v = self.du_dt_v_per_k * self.start_k;
         let heating_k_per_s = at.current_a * (at.overpotential_v - reversible_v) / self.heat_capacity_j_per_k;
-        let rate = 1.0 / COOLING_S + at.current_a * self.du_dt_v_per_k / self.heat_capacity_j_per_k;
+        let rate = 1.0 / self.cooling_s + at.current_a * self.du_dt_v_per_k / self.heat_capacity_j_per_k;
         let x = rate * step_s;
         let held_s = if x.abs() > 1e-9 { -(-x).exp_m1() / rate } else { step_s };
         self.rise_k += held_s * (heating_k_per_s - rate * self.rise_k);

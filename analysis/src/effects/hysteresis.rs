@@ -1,7 +1,8 @@
 //! The open-circuit voltage depends on where the charge came from.
 
 use super::quantity::log_grid;
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
+use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record};
+use num_complex::Complex64;
 
 static CARD: Card = Card {
     name: "hysteresis",
@@ -9,7 +10,7 @@ static CARD: Card = Card {
     group: Group::Cell,
     mechanism: "Particles fill and empty along different paths, so that the voltage at rest stays lower after a discharge than after a charge.",
     state_equation: "dh/dt = −|γi/3600Q|·(h + sgn i), V += M·h, h = 0 at the start of a record; M in V",
-    impedance: "none: small cycles about rest move h by second-order amounts of charge only",
+    impedance: "Z += M·γ/(jω·3600Q), from h = 0",
     source: "Plett, Battery Management Systems I, chapter 2: one-state hysteresis",
     signature: "depends on the charge since the last reversal, not on time; rest does not remove it",
     confounders: &["ocv_slope", "rc_slow", "diffusion", "current_asymmetry"],
@@ -36,6 +37,15 @@ impl Effect for Hysteresis {
             Parameter::strength("m_v", "V", Range { lower: 0.0, upper: 0.2 }, 2e-3),
             Parameter::shape("gamma", "", range, log_grid(3.0 / widest, 60.0 / widest, 3)),
         ]
+    }
+
+    /// From h = 0 the response to a small swing is of first order, the same in both directions.
+    fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
+        if !at.is_cell {
+            return z_ohm;
+        }
+        let per_c = p[0] * p[1] / (3600.0 * base.ocv.capacity_ah);
+        z_ohm - Complex64::new(0.0, per_c / (std::f64::consts::TAU * at.freq_hz))
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {

@@ -36,6 +36,8 @@ mod shunt_heating;
 mod situation;
 mod soc_resistance;
 mod surface_soc;
+#[cfg(test)]
+mod tests;
 mod thermal_emf;
 mod time_skew;
 mod voltage_gain;
@@ -49,7 +51,7 @@ use crate::augmented::Network;
 use num_complex::Complex64;
 
 /// Where an effect sits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Group {
     /// Physics of the cell: belongs into a model that predicts.
@@ -130,9 +132,4 @@ pub trait Dynamics {
 
     /// Moves the state over `step_s` seconds in which the current of `at` flows; `at` is the instant at the start.
     fn advance(&mut self, _at: &Instant, _step_s: f64) {}
-}
-
-#[cfg(test)]
-mod tests {
-    mod bench;
 }

@@ -1,7 +1,9 @@
 //! The open-circuit voltage moves faster or slower with charge than stated.
 
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
+use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record};
+use crate::augmented::storage_ohm;
 use crate::ocv::OcvCurve;
+use num_complex::Complex64;
 
 static CARD: Card = Card {
     name: "ocv_slope",
@@ -9,7 +11,7 @@ static CARD: Card = Card {
     group: Group::Cell,
     mechanism: "The cell's capacity is not the stated one, so that the same charge moves the state of charge further or less far.",
     state_equation: "OCV = U(z₀ + (1 + q)(z − z₀)); z₀ at the record's start, Q_true = Q/(1 + q)",
-    impedance: "none within the band: (1 + q)U'/(jω·3600Q) is far below a cell's resistance there",
+    impedance: "Z += q·(dU/dz)/(jω·3600Q)",
     source: "Plett, Battery Management Systems I, chapter 2: charge counted over capacity",
     signature: "an error proportional to the charge moved, which stays at rest",
     confounders: &["hysteresis", "current_offset", "diffusion", "warburg", "ocv_curvature"],
@@ -30,6 +32,10 @@ impl Effect for OcvSlope {
             return Vec::new();
         }
         vec![Parameter::strength("excess", "", Range { lower: -0.5, upper: 0.5 }, 0.02)]
+    }
+
+    fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
+        if at.is_cell { z_ohm + p[0] * storage_ohm(base, at) } else { z_ohm }
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {

@@ -16,7 +16,8 @@ pub struct Base {
 }
 
 /// What the data reach.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Facts {
     /// Lowest frequency of a spectrum, Hz; none without spectra.
     pub lowest_hz: Option<f64>,
@@ -24,7 +25,8 @@ pub struct Facts {
     pub highest_hz: Option<f64>,
     /// Longest record in time, s; zero without any.
     pub longest_s: f64,
-    /// Shortest distance of two samples, s; infinite without records.
+    /// Shortest distance of two samples, s; infinite without records, null in files.
+    #[serde(deserialize_with = "null_is_infinite")]
     pub shortest_s: f64,
     /// Largest current of a record, A.
     pub greatest_a: f64,
@@ -50,6 +52,11 @@ impl Facts {
     pub(super) fn fastest_s(&self) -> f64 {
         self.shortest_s.min(self.highest_hz.map_or(f64::INFINITY, |f| 0.1 / f))
     }
+}
+
+/// JSON has no infinity and writes null.
+fn null_is_infinite<'de, D: serde::Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    Ok(<Option<f64> as serde::Deserialize>::deserialize(from)?.unwrap_or(f64::INFINITY))
 }
 
 /// One point of a spectrum and the circumstances of its run.

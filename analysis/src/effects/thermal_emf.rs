@@ -2,8 +2,8 @@
 
 use super::{Base, Card, Effect, Group, Parameter, Range, Record};
 
-/// Largest drift over the longest record, V: 250 K between copper and constantan, far more than any bench has.
-const MOST_V: f64 = 0.01;
+/// Largest drift over the longest record, V: ten times what 250 K between copper and constantan make, so that a worse contact shows as such.
+const MOST_V: f64 = 0.1;
 
 static CARD: Card = Card {
     name: "thermal_emf",
@@ -33,7 +33,7 @@ impl Effect for ThermalEmf {
             return Vec::new();
         }
         let most = MOST_V / base.facts.longest_s;
-        vec![Parameter::strength("drift_v_per_s", "V/s", Range { lower: -most, upper: most }, 0.01 * most)]
+        vec![Parameter::strength("drift_v_per_s", "V/s", Range { lower: -most, upper: most }, 1e-3 * most)]
     }
 
     fn voltage(&self, p: &[f64], record: &Record<'_>, voltage_v: &mut [f64]) {

@@ -1,9 +1,11 @@
 //! The files a fit leaves: the list of fits as the command line prints it, and one model file per order.
 
+use super::addition::Addition;
 use super::erm::ErmFit;
 use super::minima::LocalMinimum;
 use super::options::Objective;
 use super::uncertainty::ErmSigma;
+use crate::effects::Facts;
 use crate::model::{Erm, RcBranch};
 use crate::ocv::OcvCurve;
 use crate::pack::{Pack, PackError};
@@ -11,8 +13,10 @@ use serde::{Deserialize, Serialize};
 
 /// Name of the model file's schema.
 pub const MODEL_SCHEMA: &str = "eis-bench/model";
-/// Version of the model file's schema; readers refuse a newer one.
-pub const MODEL_SCHEMA_VERSION: u32 = 1;
+/// Version of the model file's schema; readers refuse a newer one. 2 has additions, which a reader of 1 would pass over in silence.
+pub const MODEL_SCHEMA_VERSION: u32 = 2;
+/// Version of a file without additions, so that older readers take it.
+const PLAIN_VERSION: u32 = 1;
 
 /// All fits of one call: `{"fits": [{"rc": …, "objective": …, "r_ohm": …, "branches": […], "dc_resistance_ohm": …, …}]}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -105,7 +109,7 @@ impl PackModel {
 pub struct ModelFile {
     /// [`MODEL_SCHEMA`].
     pub schema: String,
-    /// [`MODEL_SCHEMA_VERSION`] of the writer.
+    /// 2 with additions, 1 without.
     pub schema_version: u32,
     /// What the model is of.
     pub name: String,
@@ -128,6 +132,12 @@ pub struct ModelFile {
     /// its points are frequencies of the mean spectrum and bins of the pulses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint: Option<JointProvenance>,
+    /// Effects that a diagnosis has added; `fit` then holds the base that was refitted together with them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub additions: Vec<Addition>,
+    /// What the data of the additions reach; needed with additions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub facts: Option<Facts>,
 }
 
 /// What a joint fit saw besides spectra, and how it fared.
@@ -154,7 +164,7 @@ impl ModelFile {
     pub fn new(name: &str, fit: ErmFit, spectra: Vec<String>, pack: Option<PackModel>) -> Self {
         Self {
             schema: MODEL_SCHEMA.to_owned(),
-            schema_version: MODEL_SCHEMA_VERSION,
+            schema_version: PLAIN_VERSION,
             name: name.to_owned(),
             rc: fit.erm.branches.len(),
             dc_resistance_ohm: fit.erm.dc_resistance_ohm(),
@@ -164,6 +174,8 @@ impl ModelFile {
             fit,
             ocv: None,
             joint: None,
+            additions: Vec::new(),
+            facts: None,
         }
     }
 
@@ -191,7 +203,7 @@ impl ModelFile {
     /// Reads a file's text, written by this version or an older one.
     ///
     /// # Errors
-    /// [`JsonError`] for text that is not JSON, another schema, a newer version, or a model that is not valid.
+    /// [`JsonError`] for text that is not JSON, another schema, a newer version, a model that is not valid, or additions that are not known.
     pub fn from_json(text: &str) -> Result<Self, JsonError> {
         #[derive(Deserialize)]
         struct Head {
@@ -211,6 +223,7 @@ impl ModelFile {
         if let Some(ocv) = &file.ocv {
             ocv.validate()?;
         }
+        file.augmented()?;
         Ok(file)
     }
 }
@@ -259,4 +272,38 @@ pub enum JsonError {
     /// An OCV curve that cannot be.
     #[error("model file: {0}")]
     Ocv(#[from] crate::ocv::OcvError),
+    /// Additions without what they refer to.
+    #[error("model file: additions: expected beside them {what}, met none")]
+    AdditionsLack {
+        /// The field that is missing.
+        what: &'static str,
+    },
+    /// An addition that this program does not know.
+    #[error("model file: additions: expected the name of an effect of the catalogue (`eis-bench effects` lists it), met \"{met}\"")]
+    UnknownEffect {
+        /// The name met.
+        met: String,
+    },
+    /// An addition with other parameters than its effect has.
+    #[error("model file: additions: {effect}: expected the parameters {expected}, met {met}")]
+    EffectParameters {
+        /// Name of the effect.
+        effect: String,
+        /// Parameters of the effect.
+        expected: String,
+        /// Parameters of the file.
+        met: String,
+    },
+    /// A value that a parameter cannot have.
+    #[error("model file: additions: {effect}: {parameter}: expected {expected}, met {met}")]
+    EffectValue {
+        /// Name of the effect.
+        effect: String,
+        /// Name of the parameter.
+        parameter: &'static str,
+        /// What was expected.
+        expected: &'static str,
+        /// What was met.
+        met: f64,
+    },
 }

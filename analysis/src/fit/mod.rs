@@ -5,6 +5,7 @@
 //! [`select_order`] says how many branches the data bear, [`profiles`] what bounds each parameter, [`cell_spread`] how cells differ and repeat,
 //! [`survey_seeds`] how surely the search ends at the best and what lies beside it. [`fit_circuit`] fits any equivalent circuit.
 
+mod addition;
 mod batch;
 mod cells;
 mod circuit;
@@ -30,6 +31,7 @@ mod verdict;
 mod warnings;
 mod whiteness;
 
+pub use addition::{Addition, AdditionEvidence, AdditionParameter};
 pub use cells::{CellSweeps, Components, FrequencySpread, components, frequency_spread};
 pub use circuit::{CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit, fit_circuit_cells};
 pub use erm::{ErmFit, fit_cells, fit_erm};

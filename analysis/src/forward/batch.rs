@@ -80,6 +80,7 @@ pub fn simulate_batch(cells: &[BatchCell<'_>], profile: &Profile, options: &Batc
     checked.check(profile)?;
     for cell in cells {
         cell.model.check(cell.state)?;
+        cell.model.linear_only("batch")?;
         let met = cell.model.erm.branches.len();
         if met > MAX_BATCH_RC {
             return Err(ForwardError::TooManyBranches { most: MAX_BATCH_RC, met });

@@ -4,10 +4,12 @@
 //! or a load resistance over time); `law` turns a demand and a state into a current, also beyond the power that can be had (tangent of thesis
 //! 4.2.1); `step` moves the state; [`simulate`] runs a profile with error control and delivers a [`Trace`] and a [`Summary`]; [`CellWindow`] judges
 //! voltages; [`step_with_jacobian`] and [`sensitivity`] differentiate; [`simulate_batch`] runs many cells in lockstep; [`largest_scale`] asks how much
-//! of a profile fits into the window.
+//! of a profile fits into the window. `additions` is what effects of [`crate::effects`] do that no linear branch can.
 //!
-//! Sign: current and power are positive when the cell is discharged. The temperature stays as it was when the model was measured.
+//! Sign: current and power are positive when the cell is discharged. The temperature stays as it was when the model was measured, unless an addition
+//! says how the cell warms.
 
+mod additions;
 mod batch;
 mod law;
 mod limits;
@@ -27,7 +29,7 @@ pub use profile::{Interpolation, Profile, ProfileError, ReadOptions};
 pub use scale::{ScaleBound, ScaleLimit, ScaleOptions, largest_scale};
 pub use sensitivity::{Jacobian, Sensitivity, SensitivityRow, StepOptions, sensitivity, step_with_jacobian};
 pub use simulate::{Method, SimOptions, Simulation, simulate};
-pub use trace::{Infeasible, Summary, Trace, write_trace_parquet};
+pub use trace::{Infeasible, Summary, TRACE_BRANCHES, Trace, write_trace_parquet};
 
 #[cfg(test)]
 mod tests;

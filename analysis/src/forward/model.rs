@@ -1,10 +1,13 @@
 //! The model that is simulated: an ERM, its open-circuit voltage, and how many cells of it there are.
 
+use super::additions::Laws;
 use super::law::Demand;
+use crate::augmented::Augmented;
 use crate::model::Erm;
 use crate::ocv::OcvCurve;
 use crate::pack::{Pack, PackError};
 use serde::Serialize;
+use std::sync::Arc;
 
 /// Open-circuit voltage of one cell.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,6 +27,8 @@ pub struct SimModel {
     pub ocv: OcvSource,
     /// How many cells; 1S1P for a cell.
     pub pack: Pack,
+    /// Additions that no linear branch stands for; `erm` is then the model for small signals.
+    pub(crate) laws: Option<Arc<Laws>>,
 }
 
 /// Where a model stands.
@@ -106,6 +111,26 @@ pub enum ForwardError {
         /// What was expected.
         expected: &'static str,
     },
+    /// Additions that a method or a source of the OCV cannot honour.
+    #[error("{what}: expected {expected}, met a model with {names}")]
+    Additions {
+        /// What was asked for.
+        what: &'static str,
+        /// What was expected.
+        expected: &'static str,
+        /// Names of the additions.
+        names: String,
+    },
+    /// Additions whose integration does not settle.
+    #[error("additions {names}: expected halved steps to agree within {tolerance_v:.1e} V, met {met_v:.1e} V")]
+    Unresolved {
+        /// Names of the additions.
+        names: String,
+        /// Largest difference allowed, V.
+        tolerance_v: f64,
+        /// Difference met with the shortest steps, V.
+        met_v: f64,
+    },
 }
 
 impl SimModel {
@@ -136,13 +161,39 @@ impl SimModel {
             }
             _ => {}
         }
-        Ok(Self { erm: pack.erm(cell)?, ocv, pack })
+        Ok(Self { erm: pack.erm(cell)?, ocv, pack, laws: None })
+    }
+
+    /// A pack of equal cells with additions: those of the cell act, those of the bench are left out ([`Augmented::left_out`]). Linear branches become
+    /// branches of the ERM; what else there is goes on in every cell while time passes, and starts at rest.
+    ///
+    /// # Errors
+    /// As [`SimModel::pack`]; [`ForwardError::Additions`] for a constant OCV where an addition needs the state of charge.
+    pub fn augmented(cell: &Augmented, ocv: OcvSource, pack: Pack) -> Result<Self, ForwardError> {
+        let (erm, laws) = Laws::of(cell)?;
+        let model = Self::pack(&erm, ocv, pack)?;
+        if let (Some(laws), OcvSource::Constant(_)) = (&laws, &model.ocv) {
+            let expected = "a state of charge on the model's OCV curve";
+            return Err(ForwardError::Additions { what: "open-circuit voltage that stays", expected, names: laws.names() });
+        }
+        Ok(Self { laws: laws.map(Arc::new), ..model })
+    }
+
+    /// Names of the additions that no linear branch stands for; none where there are none.
+    pub fn laws(&self) -> Option<String> {
+        self.laws.as_ref().map(|laws| laws.names())
+    }
+
+    /// Refuses what knows linear branches only.
+    pub(super) fn linear_only(&self, what: &'static str) -> Result<(), ForwardError> {
+        let expected = "linear branches only";
+        self.laws().map_or(Ok(()), |names| Err(ForwardError::Additions { what, expected, names }))
     }
 
     /// The same with the DC resistance alone: what is left when the transients are left out (simple-IR model).
     #[must_use]
     pub fn simple_ir(&self) -> Self {
-        Self { erm: Erm { r_ohm: self.erm.dc_resistance_ohm(), branches: Vec::new() }, ..self.clone() }
+        Self { erm: Erm { r_ohm: self.erm.dc_resistance_ohm(), branches: Vec::new() }, laws: None, ..self.clone() }
     }
 
     /// Open-circuit voltage at the terminals, V, and its slope with SOC, V.

@@ -1,10 +1,12 @@
 //! How much of a profile a cell or a pack bears: the largest factor of its demand that stays within the window.
 
-use super::batch::{BatchCell, BatchOptions, BatchOutcome, simulate_batch};
+use super::batch::{BatchCell, BatchOptions, BatchOutcome, MAX_BATCH_RC, simulate_batch};
 use super::law::Beyond;
 use super::limits::CellWindow;
 use super::model::{ForwardError, SimModel, SimState};
 use super::profile::Profile;
+use super::simulate::{SimOptions, simulate};
+use rayon::prelude::*;
 use serde::Serialize;
 
 /// Factors tried at once.
@@ -55,13 +57,19 @@ pub struct ScaleLimit {
 
 /// The largest factor of a power or current profile that keeps every cell within the window, all power to be had.
 ///
+/// A model that no batch takes (additions, many branches) is simulated factor by factor.
+///
 /// Takes it that what a factor does not keep, no larger one keeps.
 ///
 /// # Errors
-/// As [`simulate_batch`].
+/// As [`simulate_batch`] and [`simulate`].
 pub fn largest_scale(model: &SimModel, state: &SimState, profile: &Profile, options: &ScaleOptions) -> Result<ScaleLimit, ForwardError> {
     let batch = BatchOptions { beyond: Beyond::Stop, max_step_s: options.max_step_s };
+    let one_by_one = model.laws.is_some() || model.erm.branches.len() > MAX_BATCH_RC;
     let judge = |factors: &[f64]| -> Result<Vec<Option<ScaleBound>>, ForwardError> {
+        if one_by_one {
+            return factors.par_iter().map(|factor| alone((model, state), &profile.scaled(*factor), options)).collect();
+        }
         let cells: Vec<BatchCell<'_>> = factors.iter().map(|&scale| BatchCell { model, state, scale }).collect();
         Ok(simulate_batch(&cells, profile, &batch)?.iter().map(|outcome| broken(outcome, options.window)).collect())
     };
@@ -93,4 +101,22 @@ fn broken(outcome: &BatchOutcome, window: CellWindow) -> Option<ScaleBound> {
         return Some(ScaleBound::Power);
     }
     (window.margin_low_v(outcome.min_cell_v) < 0.0).then_some(ScaleBound::LowerVoltage)
+}
+
+/// What breaks first in one simulation of its own.
+fn alone((model, state): (&SimModel, &SimState), profile: &Profile, options: &ScaleOptions) -> Result<Option<ScaleBound>, ForwardError> {
+    let simulated = SimOptions { beyond: Beyond::Stop, window: options.window, ..SimOptions::default() };
+    let summary = match simulate(model, state, profile, &simulated) {
+        Ok(simulation) => simulation.summary,
+        // Demands far beyond the model's meaning do not settle; no limit lies there.
+        Err(ForwardError::Collapsed { .. } | ForwardError::Unresolved { .. }) => return Ok(Some(ScaleBound::Power)),
+        Err(error) => return Err(error),
+    };
+    if summary.margin_high_v < 0.0 {
+        return Ok(Some(ScaleBound::UpperVoltage));
+    }
+    if !summary.feasible {
+        return Ok(Some(ScaleBound::Power));
+    }
+    Ok((summary.margin_low_v < 0.0).then_some(ScaleBound::LowerVoltage))
 }

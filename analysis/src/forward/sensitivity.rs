@@ -97,6 +97,7 @@ enum What {
 /// [`ForwardError`] for a state of another model, a step that cannot be, or a model driven beyond its meaning.
 pub fn step_with_jacobian(model: &SimModel, state: &SimState, demand: f64, options: &StepOptions) -> Result<Jacobian, ForwardError> {
     model.check(state)?;
+    model.linear_only("derivatives")?;
     options.check()?;
     let mover = Mover::new(model, Drive { demand: options.demand, beyond: options.beyond, r_ohm: model.erm.r_ohm });
     let mut directions = directions(model);
@@ -135,6 +136,7 @@ pub fn sensitivity(
     (beyond, max_step_s): (Beyond, f64),
 ) -> Result<Sensitivity, ForwardError> {
     model.check(state)?;
+    model.linear_only("derivatives")?;
     SimOptions { beyond, max_step_s, ..SimOptions::default() }.check(profile)?;
     let mover = Mover::new(model, Drive { demand: profile.demand, beyond, r_ohm: model.erm.r_ohm });
     let (mut now, mut directions, mut rows) = (state.clone(), directions(model), Vec::new());

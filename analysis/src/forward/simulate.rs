@@ -4,6 +4,7 @@
 //! the better of which, improved by their difference, goes on. [`Method::Thesis`] is explicit Euler, which is stable below twice the shortest time
 //! constant only: unless told otherwise it takes a quarter of that.
 
+use super::additions;
 use super::law::{Beyond, Demand, Drive};
 use super::limits::CellWindow;
 use super::model::{ForwardError, SimModel, SimState};
@@ -120,6 +121,9 @@ pub struct Simulation {
 pub fn simulate(model: &SimModel, state: &SimState, profile: &Profile, options: &SimOptions) -> Result<Simulation, ForwardError> {
     model.check(state)?;
     options.check(profile)?;
+    if let Some(laws) = &model.laws {
+        return additions::simulate((model, laws), state, profile, options);
+    }
     let euler_step_s = match options.method {
         Method::Exact => f64::INFINITY,
         Method::Thesis => options.euler_step_s(model, profile)?,

@@ -61,7 +61,7 @@ pub struct Summary {
     pub energy_j: f64,
     /// Charge taken, C.
     pub charge_c: f64,
-    /// Heat in the resistances, J: ∫i²R + Σ∫vₖ²/Rₖ, interconnect included.
+    /// Heat in the resistances, J: ∫i²R + Σ∫vₖ²/Rₖ, interconnect included; with additions also what they take off the voltage, times the current.
     pub heat_j: f64,
     /// Work of the open-circuit voltage, J: ∫OCV·i.
     pub chemical_j: f64,
@@ -211,6 +211,17 @@ impl<'m> Book<'m> {
         s.steps += 1;
     }
 
+    /// Integrates over a step by trapezoids, with the heat (J) that the caller knows.
+    pub(super) fn moved(&mut self, (from, to): (&Point, &Point), heat_j: f64) {
+        let h = 0.5 * (to.time_s - from.time_s);
+        let s = &mut self.summary;
+        s.energy_j += h * (from.ccv_v * from.current_a + to.ccv_v * to.current_a);
+        s.charge_c += h * (from.current_a + to.current_a);
+        s.chemical_j += h * (from.ocv_v * from.current_a + to.ocv_v * to.current_a);
+        s.heat_j += heat_j;
+        s.steps += 1;
+    }
+
     /// Integrates over a step of explicit Euler, which holds what is at its start.
     pub(super) fn held(&mut self, p: &Point, h: f64, (from, _): (&SimState, &SimState)) {
         let s = &mut self.summary;
@@ -246,11 +257,14 @@ fn squared((r, tau): (f64, f64), v0: f64, (i0, i1): (f64, f64), h: f64) -> f64 {
     fast + h * (beta * beta + beta * gamma * h + gamma * gamma * h * h / 3.0)
 }
 
+/// Branches whose voltages a trace's file holds at most.
+pub const TRACE_BRANCHES: usize = 16;
+
 /// Names of the branches' columns.
-const BRANCHES: [&str; 16] =
+const BRANCHES: [&str; TRACE_BRANCHES] =
     ["v1_v", "v2_v", "v3_v", "v4_v", "v5_v", "v6_v", "v7_v", "v8_v", "v9_v", "v10_v", "v11_v", "v12_v", "v13_v", "v14_v", "v15_v", "v16_v"];
 
-/// Writes a trace as Parquet: columns as in [`Trace`], the signed margins of a cell to a window, and the branches as `v1_v`, `v2_v`, … (at most 16).
+/// Writes a trace as Parquet: columns as in [`Trace`], the signed margins of a cell to a window, and the branches as `v1_v`, `v2_v`, … (at most [`TRACE_BRANCHES`]).
 ///
 /// # Errors
 /// [`DatasetError`] where the file cannot be written.

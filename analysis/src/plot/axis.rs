@@ -38,6 +38,23 @@ impl Axis {
         Self { lo: f64::from(first), hi: f64::from(last), ticks, minor }
     }
 
+    /// A logarithmic axis from lo to hi as they are, both above zero: labels at 1, 2 and 5 of each decade, or at the decades where these are many.
+    pub(super) fn tight_decades(lo: f64, hi: f64) -> Self {
+        let (lo, hi) = (lo.log10(), hi.log10().max(lo.log10() + 1e-6));
+        let steps: &[f64] = if hi - lo < 2.2 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+        let decades = || lo.floor() as i32..=hi.ceil() as i32;
+        let within = |v: &f64| (lo - 1e-9..=hi + 1e-9).contains(v);
+        let label = |d: i32, m: f64| match d {
+            _ if m == 1.0 => power_of_ten(d),
+            -12..=-1 => number(m * 10f64.powi(d), d.unsigned_abs() as usize),
+            _ => number(m * 10f64.powi(d), 0),
+        };
+        let all = decades().flat_map(|d| steps.iter().map(move |m| (d, *m)));
+        let ticks = all.map(|(d, m)| (f64::from(d) + m.log10(), label(d, m))).filter(|(v, _)| within(v)).collect();
+        let minor = decades().flat_map(|d| (2..10).map(move |m| f64::from(d) + f64::from(m).log10())).filter(within).collect();
+        Self { lo, hi, ticks, minor }
+    }
+
     /// Fraction of the way from the lower to the upper end.
     pub(super) fn fraction(&self, value: f64) -> f64 {
         (value - self.lo) / (self.hi - self.lo)
@@ -95,6 +112,16 @@ mod tests {
         }
         let words: Vec<String> = [-12, -3, -1, 0, 3, 4, 5, 10].into_iter().map(power_of_ten).collect();
         assert_eq!(words, ["10⁻¹²", "0.001", "0.1", "1", "1000", "10000", "10⁵", "10¹⁰"]);
+    }
+
+    #[test]
+    fn tight_decades_keep_their_ends() {
+        let axis = Axis::tight_decades(0.7, 12.0);
+        assert_eq!((10f64.powf(axis.lo), axis.hi), (10f64.powf(0.7f64.log10()), 12f64.log10()));
+        let labels = |a: Axis| a.ticks.into_iter().map(|(_, l)| l).collect::<Vec<_>>();
+        assert_eq!(labels(axis), ["1", "2", "5", "10"]);
+        assert_eq!(labels(Axis::tight_decades(0.2, 1.0)), ["0.2", "0.5", "1"]);
+        assert_eq!(labels(Axis::tight_decades(1.0, 3000.0)), ["1", "10", "100", "1000"]);
     }
 
     #[test]

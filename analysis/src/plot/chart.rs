@@ -38,7 +38,7 @@ impl AxisSpec {
         Self { range: Some((lo, hi)), ..self }
     }
 
-    fn coordinate(&self, value: f64) -> f64 {
+    pub(super) fn coordinate(&self, value: f64) -> f64 {
         if self.logarithmic { value.log10() } else { value }
     }
 
@@ -179,7 +179,7 @@ pub fn chart_svg(chart: &Chart) -> Result<String, PlotError> {
     layout(chart)?.to_svg()
 }
 
-fn layout(chart: &Chart) -> Result<Scene, PlotError> {
+pub(super) fn layout(chart: &Chart) -> Result<Scene, PlotError> {
     chart.check()?;
     let width = f64::from(chart.width_px.clamp(320, 4000));
     let mut entries = Vec::new();
@@ -250,7 +250,7 @@ fn sample(trace: &Trace, at: Place) -> Vec<Shape> {
 }
 
 /// A path as strokes of 7 pixels with gaps of 5.
-fn dashes(path: &[Place], stroke: impl Fn(Vec<Place>) -> Shape) -> Vec<Shape> {
+pub(super) fn dashes(path: &[Place], stroke: impl Fn(Vec<Place>) -> Shape) -> Vec<Shape> {
     const STROKE: f64 = 7.0;
     const PERIOD: f64 = 12.0;
     let mut shapes = Vec::new();

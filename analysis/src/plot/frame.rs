@@ -119,6 +119,25 @@ pub(super) fn words(text: &str, at: Place, size: f64, anchor: (HPos, VPos)) -> S
     Shape::Label(label(text, at, size, anchor))
 }
 
-fn label(text: &str, at: Place, size: f64, anchor: (HPos, VPos)) -> Label {
+/// Words cut at blanks so that each line is at most `width` wide, about; a longer word keeps its own line.
+pub(super) fn wrapped(text: &str, size: f64, width: f64) -> Result<Vec<String>, PlotError> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        let longer = lines.last().map(|line| format!("{line} {word}"));
+        match (lines.last_mut(), longer) {
+            (Some(line), Some(longer)) if text_width(&longer, size)? <= width => *line = longer,
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    Ok(lines)
+}
+
+/// Width of the widest of some texts in logical pixels, about; zero without any.
+pub(super) fn widest<'a>(mut texts: impl Iterator<Item = &'a str>, size: f64) -> Result<f64, PlotError> {
+    texts.try_fold(0.0, |most: f64, text| Ok(most.max(text_width(text, size)?)))
+}
+
+/// A dark label; its fields may be changed before it becomes a shape.
+pub(super) fn label(text: &str, at: Place, size: f64, anchor: (HPos, VPos)) -> Label {
     Label { text: text.to_owned(), at, size, colour: INK, bold: false, upright: false, anchor }
 }

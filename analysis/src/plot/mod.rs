@@ -1,4 +1,4 @@
-//! Nyquist and Bode plots of measured and modelled impedance, and charts of anything over anything, SVG and PNG from one description.
+//! Nyquist and Bode plots of measured and modelled impedance, charts of anything over anything, bars and heat maps, SVG and PNG from one description.
 //!
 //! A plot is first laid out as a list of shapes (`scene`), which plotters' backends then draw; so both formats show the same. The Nyquist
 //! plot has equal scaling of its axes, exact to the pixel, as figures 3.8 and 3.11–3.14 of the thesis. The legend stands above the axes and
@@ -8,16 +8,22 @@
 //! allows embedding). SVG asks the viewer for its own sans-serif.
 
 mod axis;
+mod bars;
 mod bode;
 mod chart;
+mod drawing;
 mod figures;
 mod frame;
+mod heat;
 mod marks;
 mod nyquist;
 mod scene;
 
+pub use bars::{Bar, BarChart, BarGroup, BarPanel, BarRow, Reference};
 pub use chart::{AxisSpec, Chart, Panel, Trace, TraceStyle, chart, chart_svg};
+pub use drawing::Drawing;
 pub use figures::{FigureInput, fit_figure, sweeps_figure, write_thesis_figures};
+pub use heat::{HeatMap, HeatScale};
 
 use crate::model::Erm;
 use crate::spectrum::{Covariance2, Spectrum};

@@ -1,7 +1,9 @@
 //! The limits against brute force, against their closed-form ends, and the laws they obey.
 
 use super::*;
-use crate::forward::{CellWindow, OcvSource, SimModel};
+use crate::augmented::{Augmented, Kept};
+use crate::effects::{Base, Facts, find};
+use crate::forward::{CellWindow, Demand, OcvSource, Profile, SimModel, SimOptions, simulate};
 use crate::model::{Erm, RcBranch};
 use crate::ocv::OcvCurve;
 use crate::pack::{Pack, Sizing, SizingInput};
@@ -154,4 +156,38 @@ proptest! {
             prop_assert!(place.discharge_w > place.simple_ir_discharge_w && place.charge_w < place.simple_ir_charge_w);
         }
     }
+}
+
+/// The pack of [`thesis_pack`] with additions to its cells.
+fn augmented(kept: Vec<Kept>) -> SimModel {
+    let facts = Facts {
+        lowest_hz: Some(0.1),
+        highest_hz: Some(300.0),
+        longest_s: 100.0,
+        shortest_s: 0.1,
+        greatest_a: 40.0,
+        widest_soc: 0.1,
+        soc: 0.5,
+        temperature_c: 25.0,
+        orders: 0.0,
+        span_s: 0.0,
+    };
+    let OcvSource::Curve(ocv) = straight() else { panic!("a curve") };
+    SimModel::augmented(&Augmented { base: Base { erm: erm(), ocv, facts }, kept }, straight(), thesis_pack()).unwrap()
+}
+
+#[test]
+fn additions_move_the_limits_as_they_should() {
+    let kept = |name: &str, p: &[f64]| vec![Kept { effect: find(name).unwrap(), p: p.to_vec() }];
+    let (plain, slow) = (augmented(Vec::new()), augmented(kept("rc_slow", &[1e-3, 3.0])));
+    let warm = augmented(kept("self_heating", &[1e-4, 600.0]));
+    let options = SopOptions { accuracy: 1e-5, ..SopOptions::default() };
+    let most = |model: &SimModel| most_power(model, &model.rest(0.5).unwrap(), 10.0, &options).unwrap();
+    let (base, slower, warmer) = (most(&plain), most(&slow), most(&warm));
+    assert!(slower.0.power_w < 0.98 * base.0.power_w && slower.1.power_w > 0.98 * base.1.power_w, "{slower:?} {base:?}");
+    // Discharge ends at the cell's lower voltage at the end: the warm cell bears more.
+    assert!(warmer.0.power_w > 1.01 * base.0.power_w, "{warmer:?} {base:?}");
+    let profile = Profile::constant(Demand::Power, warmer.0.power_w, 10.0).unwrap();
+    let run = simulate(&warm, &warm.rest(0.5).unwrap(), &profile, &SimOptions::default()).unwrap();
+    assert!((0.0..1e-3).contains(&run.summary.margin_low_v), "{} V", run.summary.margin_low_v);
 }

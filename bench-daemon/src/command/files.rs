@@ -4,8 +4,11 @@ use std::path::Path;
 
 use analysis::{
     dataset,
+    effects::Group,
     fit::ModelFile,
+    forward::{OcvSource, SimModel},
     ocv::OcvCurve,
+    pack::Pack,
     plot::{self, Chart, PlotError},
 };
 
@@ -25,6 +28,29 @@ pub(super) fn read_curve(path: &Path) -> Result<OcvCurve, Failure> {
     let curve: OcvCurve = serde_json::from_str(&text).map_err(|error| fail(format!("expected an OCV curve as JSON: {error}")))?;
     curve.validate().map_err(|error| fail(error.to_string()))?;
     Ok(curve)
+}
+
+/// The model of a file as a simulation takes it: with the additions of the cell.
+pub(super) fn sim_model(file: &ModelFile, ocv: OcvSource, pack: Pack) -> Result<SimModel, Failure> {
+    let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
+    match file.augmented().map_err(|error| usage(&error))? {
+        None => SimModel::pack(&file.fit.erm, ocv, pack).map_err(|error| usage(&error)),
+        Some(cell) => SimModel::augmented(&cell, ocv, pack).map_err(|error| usage(&error)),
+    }
+}
+
+/// What becomes of a file's additions, in sentences.
+pub(super) fn addition_notes(file: &ModelFile) -> Vec<String> {
+    let names = |group: Group| -> Vec<&str> { file.additions.iter().filter(|a| a.group == group).map(|a| a.title.as_str()).collect() };
+    let (cell, bench) = (names(Group::Cell), names(Group::Bench));
+    let mut notes = Vec::new();
+    if !cell.is_empty() {
+        notes.push(format!("additions to the fitted model: {}", cell.join("; ")));
+    }
+    if !bench.is_empty() {
+        notes.push(format!("left out, because the bench did it and not the cell: {}", bench.join("; ")));
+    }
+    notes
 }
 
 /// Makes the folder of `--out` if need be.

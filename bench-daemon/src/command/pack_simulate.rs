@@ -8,6 +8,7 @@ use analysis::{
     dataset::{self, ColumnSpec},
     fit::ModelFile,
     forward::{CellWindow, OcvSource, Profile},
+    model::Erm,
     pack::{Draws, Outcome, Pack, Percentiles, Scatter, ScatterSetup, Spread, scatter},
 };
 use clap::Args;
@@ -141,6 +142,8 @@ struct PackReport {
     step_error_v: f64,
     /// What the model's fit warned of.
     model_warnings: Vec<String>,
+    /// What became of the model's additions.
+    notes: Vec<String>,
 }
 
 /// Simulates packs and prints how they fared.
@@ -152,8 +155,9 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let model = files::read_model(&args.model)?;
     let profile = Profile::read(&args.profile, &args.read.options()).map_err(|error| usage(&error))?;
     let (ocv, soc) = start(args, &model)?;
+    let cell = cell(&model, &ocv)?;
     let setup = ScatterSetup {
-        cell: &model.fit.erm,
+        cell: &cell,
         ocv: &ocv,
         pack: Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(|error| usage(&error))?,
         tab_ohm: args.tab_ohm,
@@ -183,6 +187,17 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
         say!("written to {}", out.display());
     }
     Ok(())
+}
+
+/// The cell as an ERM. Cells that scatter are linear: what no branch stands for is refused.
+fn cell(file: &ModelFile, ocv: &OcvSource) -> Result<Erm, Failure> {
+    let model = files::sim_model(file, ocv.clone(), Pack { series: 1, parallel: 1, interconnect_ohm: 0.0 })?;
+    match model.laws() {
+        None => Ok(model.erm),
+        Some(names) => Err(Failure::Usage(format!(
+            "--model: expected additions that linear branches stand for, found {names}; `simulate --series --parallel` takes them, with equal cells"
+        ))),
+    }
 }
 
 /// The open-circuit voltage and the state of charge at the start.
@@ -232,6 +247,7 @@ fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&ModelFile, Spread,
         hottest_rise_k: over(|o| o.hottest_rise_k),
         step_error_v: met.step_error_v,
         model_warnings: model.fit.warnings.clone(),
+        notes: files::addition_notes(model),
     }
 }
 
@@ -279,6 +295,9 @@ fn print_text(r: &PackReport, setup: &ScatterSetup<'_>) {
     }
     for warning in &r.model_warnings {
         say!("  note: of the model's fit: {warning}");
+    }
+    for note in &r.notes {
+        say!("  note: {note}");
     }
     if r.step_error_v > 1e-3 {
         say!("  note: half the step moves the lowest voltage by {:.1} mV; give a smaller --max-step-s", 1.0e3 * r.step_error_v);

@@ -3,6 +3,7 @@
 //! Whatever happens once the instruments are known to be the configured ones, a panic and a request to stop included, the bench is brought into safe
 //! state before this returns.
 
+mod drive;
 mod results;
 
 use std::{
@@ -12,7 +13,7 @@ use std::{
     task::Poll,
 };
 
-use analysis::{calibration::Correction, dataset, spectrum::Spectrum};
+use analysis::{calibration::Correction, spectrum::Spectrum};
 use instruments::{
     clock::{self, Clock, TimeMode},
     mock::plant::Fixture,
@@ -28,11 +29,11 @@ use crate::{
     cli::RunArgs,
     command::Failure,
     config::{self, Experiment, load_experiment},
-    executor::{ExecuteError, Executor, SweepPoint},
-    fixture_check::{self, ControlResult},
+    executor::SweepPoint,
+    fixture_check::ControlResult,
     logging,
     operator::Operator,
-    plan::{Checked, Purpose},
+    plan::Checked,
     procedure,
     progress::Progress,
     record::Recorder,
@@ -48,8 +49,10 @@ pub struct Measured {
     pub sweeps: BTreeMap<&'static str, Vec<SweepPoint>>,
     /// The correction of the bench.
     pub correction: Correction,
-    /// The corrected spectrum of the cell.
+    /// The corrected spectrum of the cell, of its first sweep; without points where it was not swept.
     pub spectrum: Spectrum,
+    /// Those of its further sweeps.
+    pub repeats: Vec<Spectrum>,
 }
 
 /// What ran, for whoever wants to run it again.
@@ -118,7 +121,8 @@ pub fn run_experiment(experiment: &Experiment, folder: &Path) -> Result<Finished
 /// A sweep that begins with a person changing the fixture must not fail in the middle of the night for want of one.
 fn refuse_without_person(experiment: &Experiment, operator: Operator) -> Result<(), Failure> {
     let person = matches!(experiment.bench.instruments.jig, Some(config::Jig::Person));
-    if person && experiment.fixture_check.is_some() && operator == Operator::Nobody {
+    let shunt = experiment.eis.as_ref().is_some_and(|eis| eis.fixture == Fixture::Shunt && eis.repeat > 0);
+    if person && (experiment.fixture_check.is_some() || shunt) && operator == Operator::Nobody {
         return Err(Failure::Usage(crate::operator::OperatorError::NoTerminal.to_string()));
     }
     Ok(())
@@ -163,7 +167,7 @@ impl Run<'_> {
         self.manifest(&identities, "running")?;
         let progress = Progress::new(self.plan.plan());
         let outcome = tokio::select! {
-            outcome = caught(drive((&mut bench, &mut self.recorder), self.experiment, self.plan, (&self.clock, &self.operator, &progress))) => outcome,
+            outcome = caught(drive::drive((&mut bench, &mut self.recorder), self.experiment, self.plan, (&self.clock, &self.operator, &progress))) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
         };
         progress.finish();
@@ -238,101 +242,6 @@ impl Run<'_> {
         };
         Ok(self.recorder.json("manifest.json", &manifest)?)
     }
-}
-
-/// Executes the plan, stage by stage, and judges the controls as soon as they are measured.
-async fn drive(
-    (bench, recorder): (&mut Bench, &mut Recorder),
-    experiment: &Experiment,
-    plan: &Checked,
-    (clock, operator, progress): (&Clock, &Operator, &Progress),
-) -> Result<Measured, Failure> {
-    safe(bench.safe_state().await, Ok(()))?;
-    let mut measured = Measured {
-        controls: Vec::new(),
-        sweeps: BTreeMap::new(),
-        correction: Correction::none(experiment.bench.wiring.shunt),
-        spectrum: Spectrum { name: experiment.name.clone(), points: Vec::new() },
-    };
-    let mut executor = Executor::new((bench, recorder), experiment, clock.clone(), (operator, progress));
-    for stage in &plan.plan().stages {
-        let Purpose::Sweep(fixture) = stage.purpose else {
-            executor.stage(stage, &mut |_, _| Ok(())).await?;
-            continue;
-        };
-        let name = crate::plan::fixture_name(fixture);
-        let correction = measured.correction.clone();
-        let spectrum = &mut measured.spectrum.points;
-        let mut on_point = |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
-            let raw = fixture_check::raw_points(&experiment.bench, std::slice::from_ref(point));
-            for point in &raw {
-                recorder.spectrum_point(&format!("raw_{name}.csv"), point)?;
-            }
-            if fixture == Fixture::Cell {
-                let corrected = correction.apply(&point.phasors);
-                recorder.spectrum_point("spectrum.csv", &corrected)?;
-                spectrum.push(corrected);
-            }
-            for warning in &point.warnings {
-                recorder.point_warning(name, point.phasors.freq_hz, warning);
-            }
-            Ok(())
-        };
-        let points = executor.stage(stage, &mut on_point).await?;
-        judge(executor.recorder, experiment, (fixture, &points), &mut measured)?;
-        measured.sweeps.insert(name, points);
-        // Before anything is done with the cell, its state of charge included.
-        let controls = experiment.fixture_check.as_ref().map_or(0, |check| check.controls.len());
-        if fixture != Fixture::Cell && measured.controls.len() == controls {
-            correct(executor.recorder, experiment, &mut measured)?;
-        }
-    }
-    dataset::write_spectrum_parquet(&executor.recorder.path("spectrum.parquet"), &measured.spectrum.points)
-        .map_err(crate::record::RecordError::from)?;
-    Ok(measured)
-}
-
-/// Stops the run when a control that was just measured is off as read.
-fn judge(
-    recorder: &mut Recorder,
-    experiment: &Experiment,
-    (fixture, points): (Fixture, &[SweepPoint]),
-    measured: &mut Measured,
-) -> Result<(), Failure> {
-    let tolerance = experiment.fixture_check.iter().flat_map(|check| &check.controls).find(|(control, _)| *control == fixture);
-    let Some((_, tolerance)) = tolerance else { return Ok(()) };
-    let result = fixture_check::judge_raw(&experiment.bench, fixture, tolerance, points);
-    let text = format!("{} as read: {}", result.control, result.raw.text);
-    recorder.event(&text).map_err(Failure::from)?;
-    let passed = result.raw.passed;
-    measured.controls.push(result);
-    recorder.json("controls.json", &measured.controls)?;
-    if passed { Ok(()) } else { Err(Failure::FixtureCheck(text)) }
-}
-
-/// Computes the correction from the controls and stops the run when it does not make them right.
-fn correct(recorder: &mut Recorder, experiment: &Experiment, measured: &mut Measured) -> Result<(), Failure> {
-    let Some(check) = &experiment.fixture_check else { return Ok(()) };
-    let correction = fixture_check::correction(&experiment.bench, &measured.sweeps)
-        .map_err(|error| Failure::FixtureCheck(format!("no correction can be computed: {error}")))?;
-    recorder.json("correction.json", &correction)?;
-    measured.correction = correction;
-    let mut wrong = None;
-    for fixture in [Fixture::FakeCell, Fixture::Short] {
-        let name = crate::plan::fixture_name(fixture);
-        let Some(control) = measured.controls.iter_mut().find(|control| control.control == name) else { continue };
-        let points = measured.sweeps.get(name).map_or(&[][..], Vec::as_slice);
-        let correction = (&measured.correction, check.corrected_tolerance);
-        let verdict = fixture_check::judge_corrected(&experiment.bench, fixture, correction, points);
-        let text = format!("{name} after the correction: {}", verdict.text);
-        recorder.event(&text)?;
-        if !verdict.passed && wrong.is_none() {
-            wrong = Some(text);
-        }
-        control.corrected = Some(verdict);
-    }
-    recorder.json("controls.json", &measured.controls)?;
-    wrong.map_or(Ok(()), |text| Err(Failure::FixtureCheck(text)))
 }
 
 /// Safe state that could not be verified outweighs everything else.

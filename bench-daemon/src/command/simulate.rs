@@ -185,7 +185,7 @@ fn model(args: &SimulateArgs) -> Result<(ModelFile, SimModel), Failure> {
         }
     };
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
-    let model = SimModel::pack(&file.fit.erm, ocv, pack).map_err(usage)?;
+    let model = files::sim_model(&file, ocv, pack)?;
     if let Some(folder) = &args.out {
         files::make_folder(folder)?;
     }

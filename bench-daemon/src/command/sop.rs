@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    forward::{CellWindow, OcvSource, SimModel},
+    fit::ModelFile,
+    forward::{CellWindow, OcvSource},
     pack::Pack,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
     sop::{CurrentLimits, LimitedBy, SopEntry, SopGrid, SopOptions, sop_map},
@@ -96,22 +97,22 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
     let file = files::read_model(&args.model)?;
     let duration_s = numbers(&args.duration_s).map_err(|error| Failure::Usage(format!("--duration-s: {error}")))?;
-    let (ocv, soc) = match (args.ocv_v, &args.soc, file.ocv) {
+    let (ocv, soc) = match (args.ocv_v, &args.soc, &file.ocv) {
         (Some(ocv_v), ..) => (OcvSource::Constant(ocv_v), vec![0.5]),
         (None, Some(text), Some(curve)) => {
-            (OcvSource::Curve(curve), numbers(text).map_err(|error| Failure::Usage(format!("--soc: {error}")))?)
+            (OcvSource::Curve(curve.clone()), numbers(text).map_err(|error| Failure::Usage(format!("--soc: {error}")))?)
         }
         _ => return Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv-v", args.model.display()))),
     };
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(|error| usage(&error))?;
-    let model = SimModel::pack(&file.fit.erm, ocv, pack).map_err(|error| usage(&error))?;
+    let model = files::sim_model(&file, ocv, pack)?;
     let window = CellWindow { low_v: args.v_min, high_v: args.v_max };
     analysis::pack::check_window((window.low_v, window.high_v)).map_err(|error| usage(&error))?;
     let currents =
         CurrentLimits { discharge_a: args.max_discharge_a.unwrap_or(f64::INFINITY), charge_a: args.max_charge_a.unwrap_or(f64::INFINITY) };
     let options = SopOptions { window, currents, ..SopOptions::default() };
     let map = sop_map(&model, &SopGrid { soc, duration_s }, &options).map_err(|error| usage(&error))?;
-    let notes = notes(args, &file.fit.warnings, &map);
+    let notes = notes(args, &file, &map);
     let report =
         SopReport { model: file.name, pack, window, max_discharge_a: args.max_discharge_a, max_charge_a: args.max_charge_a, map, notes };
     let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -133,8 +134,9 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
 }
 
 /// What would mislead if it were not said.
-fn notes(args: &SopArgs, warnings: &[String], map: &[SopEntry]) -> Vec<String> {
-    let mut notes: Vec<String> = warnings.iter().map(|warning| format!("of the model's fit: {warning}")).collect();
+fn notes(args: &SopArgs, file: &ModelFile, map: &[SopEntry]) -> Vec<String> {
+    let mut notes: Vec<String> = file.fit.warnings.iter().map(|warning| format!("of the model's fit: {warning}")).collect();
+    notes.extend(files::addition_notes(file));
     let most = |of: fn(&SopEntry) -> f64| map.iter().map(of).fold(0.0, f64::max);
     if args.max_discharge_a.is_none() || args.max_charge_a.is_none() {
         notes.push(format!(

@@ -33,11 +33,11 @@ pub(super) struct Check<'a> {
 }
 
 impl Check<'_> {
-    fn complain(&self, field: &str, reason: impl Into<String>) -> ConfigError {
+    pub(super) fn complain(&self, field: &str, reason: impl Into<String>) -> ConfigError {
         self.source.complain(field, reason)
     }
 
-    fn within(&self, field: &str, value: f64, (least, greatest): (f64, f64), unit: &str) -> Result<f64, ConfigError> {
+    pub(super) fn within(&self, field: &str, value: f64, (least, greatest): (f64, f64), unit: &str) -> Result<f64, ConfigError> {
         if (least..=greatest).contains(&value) {
             return Ok(value);
         }
@@ -45,7 +45,7 @@ impl Check<'_> {
     }
 
     /// A section of the experiment needs a role that the bench may lack.
-    fn needs<'b, T>(&self, instrument: Option<&'b T>, role: &str, section: &str) -> Result<&'b T, ConfigError> {
+    pub(super) fn needs<'b, T>(&self, instrument: Option<&'b T>, role: &str, section: &str) -> Result<&'b T, ConfigError> {
         instrument.ok_or_else(|| {
             let reason = format!("expected a section [instruments.{role}]: [{section}] of {} needs it", self.source.path().display());
             self.bench_source.complain(&format!("instruments.{role}"), reason)
@@ -148,19 +148,21 @@ impl Check<'_> {
         let (least_hz, greatest_hz) = generator_dialect.map_or((1.0e-3, 1.0e4), |d| {
             (d.capabilities().freq_range.0.value().max(1.0e-3), d.capabilities().freq_range.1.value().min(1.0e4))
         });
-        let start_hz = self.within("eis.start", raw.start.si, (least_hz, greatest_hz), "Hz")?;
         let supply4q_capabilities = by_key(supply4q::DIALECTS, &supply4q.model).map(|d| d.capabilities());
-        let greatest_hz = supply4q_capabilities.map_or(greatest_hz, |capabilities| capabilities.max_freq.value().min(greatest_hz));
-        let stop_hz = self.within("eis.stop", raw.stop.si, (start_hz, greatest_hz), "Hz")?;
-        self.within("eis.points", raw.points as f64, (2.0, 1000.0), "points")?;
-        if stop_hz <= start_hz {
-            return Err(self.complain("eis.stop", format!("expected more than eis.start ({start_hz} Hz), found {stop_hz} Hz")));
+        let driven_hz = supply4q_capabilities.map_or(greatest_hz, |capabilities| capabilities.max_freq.value().min(greatest_hz));
+        let freqs_hz = self.frequencies(raw, (least_hz, greatest_hz, driven_hz))?;
+        if raw.fixture == raw::SweptFixture::Shunt {
+            self.needs(instruments.jig.as_ref(), "jig", "eis")?;
         }
+        self.within("eis.repeat", raw.repeat as f64, (0.0, 1000.0), "sweeps")?;
         let full_scale = supply4q_capabilities.map_or(0.0, |capabilities| capabilities.full_scale.value());
         let greatest_a = full_scale.min(self.cell.limits.charge_a).min(self.cell.limits.discharge_a);
         let amplitude_a = self.within("eis.amplitude", raw.amplitude.si, (0.01, greatest_a), "A")?;
         let eis = Eis {
-            freqs_hz: log_grid(start_hz, stop_hz, raw.points, raw.include_stop),
+            fixture: if raw.fixture == raw::SweptFixture::Shunt { Fixture::Shunt } else { Fixture::Cell },
+            repeat: raw.repeat,
+            rest_s: raw.rest_first.map_or(Ok(0.0), |rest| self.within("eis.rest_first", rest.si, (0.0, 86_400.0), "s"))?,
+            freqs_hz,
             amplitude_a,
             periods: self.within("eis.periods", raw.periods, (2.0, 10_000.0), "periods")?,
             extra_wait_s: self.within("eis.extra_wait", raw.extra_wait.si, (0.0, 3600.0), "s")?,
@@ -175,6 +177,31 @@ impl Check<'_> {
         self.within("eis.record_points", raw.record_points as f64, (least_points, raw.memory_points as f64), "points")?;
         self.check_grid(&eis)?;
         Ok(eis)
+    }
+
+    /// The list as given, or the logarithmic grid, rising; between what the generator can set and what the supply can follow.
+    fn frequencies(&self, raw: &raw::Eis, (least_hz, greatest_hz, driven_hz): (f64, f64, f64)) -> Result<Vec<f64>, ConfigError> {
+        match (&raw.frequencies, raw.start, raw.stop, raw.points) {
+            (Some(list), None, None, None) => {
+                let mut freqs_hz = Vec::new();
+                for frequency in list {
+                    freqs_hz.push(self.within("eis.frequencies", microhertz(frequency.si), (least_hz, driven_hz), "Hz")?);
+                }
+                freqs_hz.sort_by(f64::total_cmp);
+                self.within("eis.frequencies", freqs_hz.len() as f64, (2.0, 1000.0), "points")?;
+                Ok(freqs_hz)
+            }
+            (None, Some(start), Some(stop), Some(points)) => {
+                let start_hz = self.within("eis.start", start.si, (least_hz, greatest_hz), "Hz")?;
+                let stop_hz = self.within("eis.stop", stop.si, (start_hz, driven_hz), "Hz")?;
+                self.within("eis.points", points as f64, (2.0, 1000.0), "points")?;
+                if stop_hz <= start_hz {
+                    return Err(self.complain("eis.stop", format!("expected more than eis.start ({start_hz} Hz), found {stop_hz} Hz")));
+                }
+                Ok(log_grid(start_hz, stop_hz, points, raw.include_stop))
+            }
+            _ => Err(self.complain("eis", "expected start, stop and points, or frequencies, and not both")),
+        }
     }
 
     /// The frequencies must differ when rounded to what a generator can set, and a simulated bench must remember the slowest frame.
@@ -218,7 +245,12 @@ impl Check<'_> {
 /// `include_stop` the last is `stop_hz`; without, the grid is start·(stop/start)^(k/points), as in the thesis' own data.
 fn log_grid(start_hz: f64, stop_hz: f64, points: usize, include_stop: bool) -> Vec<f64> {
     let intervals = if include_stop { points - 1 } else { points } as f64;
-    (0..points).map(|k| (start_hz * (stop_hz / start_hz).powf(k as f64 / intervals) * 1.0e6).round() / 1.0e6).collect()
+    (0..points).map(|k| microhertz(start_hz * (stop_hz / start_hz).powf(k as f64 / intervals))).collect()
+}
+
+/// Rounded to what a generator can set.
+fn microhertz(freq_hz: f64) -> f64 {
+    (freq_hz * 1.0e6).round() / 1.0e6
 }
 
 #[cfg(test)]

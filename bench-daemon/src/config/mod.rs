@@ -6,6 +6,7 @@ pub mod quantity;
 mod raw;
 mod resolve;
 mod source;
+mod trace;
 
 use std::path::PathBuf;
 
@@ -18,6 +19,7 @@ use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
 pub(crate) use check::LOAD_CUT_OFF_V;
 pub use resolve::{load_bench, load_experiment};
 pub use source::{ConfigError, Source};
+pub use trace::{Segment, Trace};
 
 /// A complete experiment.
 #[derive(Debug, Clone)]
@@ -36,8 +38,10 @@ pub struct Experiment {
     pub fixture_check: Option<FixtureCheck>,
     /// Bringing the cell to a known state of charge first, if asked for.
     pub soc_reset: Option<SocReset>,
-    /// The sweep.
-    pub eis: Eis,
+    /// The sweeps, if there are any.
+    pub eis: Option<Eis>,
+    /// Currents that step, in the order in which each round plays them.
+    pub traces: Vec<Trace>,
     /// The fits.
     pub fit: Fit,
     /// The files that this was read from.
@@ -232,9 +236,15 @@ pub struct SocReset {
     pub max_s: f64,
 }
 
-/// The sweep.
+/// The sweeps.
 #[derive(Debug, Clone)]
 pub struct Eis {
+    /// What is swept, beside the controls.
+    pub fixture: Fixture,
+    /// How often; 0 where only the controls are.
+    pub repeat: usize,
+    /// Rest of the cell before each, s.
+    pub rest_s: f64,
     /// Frequencies, rising, Hz.
     pub freqs_hz: Vec<f64>,
     /// Amplitude of the current, A.

@@ -34,6 +34,11 @@ impl<D> fmt::Debug for Quantity<D> {
 }
 
 impl<D: Dimension> Quantity<D> {
+    /// A value in SI.
+    pub(super) fn of(si: f64) -> Self {
+        Self { si, dimension: PhantomData }
+    }
+
     /// Reads `"500 mA"`.
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! The files as they are typed: these structures mirror the TOML, and nothing else reads them than `resolve`.
 
+use analysis::dataset::Role;
 use serde::Deserialize;
 
 use super::quantity::{
@@ -19,7 +20,9 @@ pub(super) struct Experiment {
     pub(super) temperature: Option<TemperatureSection>,
     pub(super) fixture_check: Option<FixtureCheck>,
     pub(super) soc_reset: Option<SocReset>,
-    pub(super) eis: Eis,
+    pub(super) eis: Option<Eis>,
+    #[serde(default)]
+    pub(super) traces: Vec<Trace>,
     #[serde(default)]
     pub(super) fit: Fit,
 }
@@ -72,9 +75,9 @@ pub(super) struct SocReset {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Eis {
-    pub(super) start: Quantity<Frequency>,
-    pub(super) stop: Quantity<Frequency>,
-    pub(super) points: usize,
+    pub(super) start: Option<Quantity<Frequency>>,
+    pub(super) stop: Option<Quantity<Frequency>>,
+    pub(super) points: Option<usize>,
     #[serde(default = "yes")]
     pub(super) include_stop: bool,
     pub(super) amplitude: Quantity<Current>,
@@ -89,6 +92,56 @@ pub(super) struct Eis {
     pub(super) memory_points: u64,
     #[serde(default)]
     pub(super) mains: Option<Quantity<Frequency>>,
+    /// In the place of start, stop and points.
+    pub(super) frequencies: Option<Vec<Quantity<Frequency>>>,
+    #[serde(default)]
+    pub(super) fixture: SweptFixture,
+    #[serde(default = "one")]
+    pub(super) repeat: usize,
+    /// Before each sweep of the cell.
+    pub(super) rest_first: Option<Quantity<Duration>>,
+}
+
+/// What the sweeps of `[eis]` are of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum SweptFixture {
+    #[default]
+    Cell,
+    Shunt,
+}
+
+/// A current that steps, and how it is recorded.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Trace {
+    pub(super) name: String,
+    #[serde(default)]
+    pub(super) role: Role,
+    pub(super) repeat_group: Option<String>,
+    #[serde(default = "one")]
+    pub(super) repeat: usize,
+    pub(super) rest_first: Quantity<Duration>,
+    /// Open-circuit voltages at which it may begin.
+    pub(super) start_voltage: [Quantity<Voltage>; 2],
+    /// What the cell may resist with at most, leads to the voltmeter included.
+    pub(super) resistance_max: Quantity<Resistance>,
+    pub(super) segments: Option<Vec<Segment>>,
+    pub(super) file: Option<String>,
+    #[serde(default = "two_milliseconds")]
+    pub(super) first_sample: Quantity<Duration>,
+    #[serde(default = "twelve")]
+    pub(super) samples_per_decade: f64,
+    #[serde(default = "ten_seconds")]
+    pub(super) longest_interval: Quantity<Duration>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Segment {
+    /// Charge positive.
+    pub(super) current: Quantity<Current>,
+    pub(super) duration: Quantity<Duration>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -106,6 +159,18 @@ impl Default for Fit {
 
 fn yes() -> bool {
     true
+}
+fn one() -> usize {
+    1
+}
+fn two_milliseconds() -> Quantity<Duration> {
+    Quantity::of(2.0e-3)
+}
+fn twelve() -> f64 {
+    12.0
+}
+fn ten_seconds() -> Quantity<Duration> {
+    Quantity::of(10.0)
 }
 fn eleven() -> f64 {
     11.0

@@ -31,8 +31,16 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
     let temperature = raw.temperature.as_ref().map(|section| check.temperature(section)).transpose()?;
     let fixture_check = raw.fixture_check.as_ref().map(|section| check.fixture_check(section)).transpose()?;
     let soc_reset = raw.soc_reset.as_ref().map(|section| check.soc_reset(section)).transpose()?;
-    let eis = check.eis(&raw.eis)?;
-    let fit = check.fit(&raw.fit, eis.freqs_hz.len())?;
+    let eis = raw.eis.as_ref().map(|section| check.eis(section)).transpose()?;
+    if fixture_check.is_some() && eis.is_none() {
+        let reason = "expected a section [eis], whose frequencies the controls are measured at; with repeat = 0 the cell is left out";
+        return Err(source.complain("fixture_check", reason));
+    }
+    let (traces, trace_sources) = check.traces(&raw.traces)?;
+    if eis.as_ref().is_none_or(|eis| eis.repeat == 0) && traces.is_empty() {
+        return Err(source.complain("(whole file)", "expected a section [eis] with a repeat above 0, or a section [[traces]]"));
+    }
+    let fit = check.fit(&raw.fit, eis.as_ref().map_or(usize::MAX, |eis| eis.freqs_hz.len()))?;
     Ok(Experiment {
         name: raw.name,
         seed: raw.seed,
@@ -42,8 +50,9 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
         fixture_check,
         soc_reset,
         eis,
+        traces,
         fit,
-        sources: [source, bench_source, cell_source].into_iter().chain(scenario_source).collect(),
+        sources: [source, bench_source, cell_source].into_iter().chain(scenario_source).chain(trace_sources).collect(),
     })
 }
 

@@ -164,6 +164,9 @@ mod tests {
     struct File {
         #[expect(dead_code, reason = "only read by serde")]
         eis: Eis,
+        #[expect(dead_code, reason = "only read by serde")]
+        #[serde(default)]
+        traces: Vec<Eis>,
     }
     #[derive(Debug, serde::Deserialize)]
     #[serde(deny_unknown_fields)]
@@ -199,6 +202,7 @@ mod tests {
         for (text, expected) in [
             ("\n[eis]\npoints = \"x\"\n", "a.toml:3: eis.points: invalid type"),
             ("[eis]\npoints = 2\npionts = 3\n", "a.toml:3: eis.pionts: unknown field"),
+            ("[eis]\npoints = 2\n[[traces]]\npoints = 2\n[[traces]]\n\npoints = true\n", "a.toml:7: traces.points: invalid type"),
             ("[eis\n", "a.toml:1: (syntax)"),
             ("[eis]\n", "a.toml:1: eis: missing field `points`"),
         ] {

@@ -17,6 +17,7 @@ use super::{
     require,
 };
 use crate::{
+    config::Eis,
     plan::{MAX_RANGING, Step, fixture_name},
     record::{CaptureFile, code_scale},
 };
@@ -70,6 +71,9 @@ impl Executor<'_> {
         let Step::Sine { index, freq_hz, amplitude_a, wait_s } = *step else {
             return Err(ExecuteError::Signal { freq_hz: 0.0, reason: "not a sine step".to_owned() });
         };
+        let Some(eis) = &self.experiment.eis else {
+            return Err(ExecuteError::Signal { freq_hz, reason: "no section [eis]".to_owned() });
+        };
         self.drive(freq_hz, amplitude_a).await?;
         let scope = require(&mut self.bench.scope, "scope")?.capabilities();
         if self.verticals[0].is_none() {
@@ -77,14 +81,14 @@ impl Executor<'_> {
         }
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
-            let waveforms = self.capture(freq_hz, wait_s, fixture).await?;
-            let file = CaptureFile { fixture, index, attempt, freq_hz, amplitude_a, start_s: self.clock.now_s() };
+            let waveforms = self.capture(eis, (freq_hz, wait_s), fixture).await?;
+            let file = CaptureFile { fixture, repeat: self.repeat, index, attempt, freq_hz, amplitude_a, start_s: self.clock.now_s() };
             self.recorder.capture(&file, &waveforms)?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
             if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {
                 warnings.extend(ranged);
-                let asked = Asked { fixture, index, freq_hz, mains_hz: self.experiment.eis.mains_hz };
+                let asked = Asked { fixture, index, freq_hz, mains_hz: eis.mains_hz };
                 let point = analyse(&asked, &waveforms, warnings)?;
                 self.check_current(&point, amplitude_a)?;
                 return Ok(point);
@@ -122,7 +126,7 @@ impl Executor<'_> {
     }
 
     /// Sends the settings of the channels that are to change.
-    async fn apply_verticals(&mut self) -> Result<(), ExecuteError> {
+    pub(super) async fn apply_verticals(&mut self) -> Result<(), ExecuteError> {
         let error = self.bench.error("scope");
         for (wanted, applied) in self.verticals.iter().zip(&mut self.applied) {
             if let Some(vertical) = wanted.filter(|_| wanted != applied) {
@@ -133,9 +137,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    async fn capture(&mut self, freq_hz: f64, wait_s: f64, fixture: Fixture) -> Result<[Waveform; 4], ExecuteError> {
+    async fn capture(&mut self, eis: &Eis, (freq_hz, wait_s): (f64, f64), fixture: Fixture) -> Result<[Waveform; 4], ExecuteError> {
         self.apply_verticals().await?;
-        let eis = &self.experiment.eis;
         let (points, span) = (eis.record_points, Seconds(eis.periods_on_screen / freq_hz));
         let trigger = Trigger { channel: TRIGGER_CHANNEL, level: self.trigger_v };
         let error = self.bench.error("scope");
@@ -159,7 +162,7 @@ impl Executor<'_> {
     }
 
     /// The frame must be of this acquisition: as long as the screen, on the scales that were set, the same for all channels.
-    fn check_frame(&self, freq_hz: f64, waveforms: &[Waveform], screen_s: f64) -> Result<(), ExecuteError> {
+    pub(super) fn check_frame(&self, freq_hz: f64, waveforms: &[Waveform], screen_s: f64) -> Result<(), ExecuteError> {
         let fail = |reason: String| Err(ExecuteError::Signal { freq_hz, reason });
         for (waveform, applied) in waveforms.iter().zip(&self.applied) {
             let preamble = &waveform.preamble;

@@ -23,23 +23,24 @@ const TRIGGER_PERIODS: f64 = 1.5;
 /// For the scope to take the frame, s.
 const FRAME_MARGIN_S: f64 = 0.2;
 
-/// `held`: the bipolar supply limits its current by itself.
-pub(super) fn stage((fixture, held): (Fixture, bool), eis: &Eis, limits: &Limits, screen_s: impl Fn(f64) -> f64) -> Stage {
-    let mut steps = vec![
-        Step::Mount(fixture),
-        Step::PowerUp {
-            compliance_v: limits.max_v + (LOOP_OHM * eis.amplitude_a).max(COMPLIANCE_MARGIN_V),
-            limit_a: LIMIT_FACTOR * eis.amplitude_a + LIMIT_MARGIN_A,
-            held,
-        },
-    ];
+/// `repeat` is 0 where the fixture is a control. `held`: the bipolar supply limits its current by itself.
+pub(super) fn stage((fixture, repeat, held): (Fixture, usize, bool), eis: &Eis, limits: &Limits, screen_s: impl Fn(f64) -> f64) -> Stage {
+    let mut steps = vec![Step::Mount(fixture)];
+    if fixture == Fixture::Cell && eis.rest_s > 0.0 {
+        steps.push(Step::Pause { span_s: eis.rest_s });
+    }
+    steps.push(Step::PowerUp {
+        compliance_v: limits.max_v + (LOOP_OHM * eis.amplitude_a).max(COMPLIANCE_MARGIN_V),
+        limit_a: LIMIT_FACTOR * eis.amplitude_a + LIMIT_MARGIN_A,
+        held,
+    });
     for (index, &freq_hz) in eis.freqs_hz.iter().enumerate() {
         let thesis_s = eis.periods / freq_hz + eis.extra_wait_s;
         let frame_s = screen_s(eis.periods_on_screen / freq_hz) + TRIGGER_PERIODS / freq_hz + FRAME_MARGIN_S;
         steps.push(Step::Sine { index, freq_hz, amplitude_a: eis.amplitude_a, wait_s: thesis_s.max(frame_s) });
     }
     steps.push(Step::PowerDown);
-    Stage { purpose: Purpose::Sweep(fixture), steps }
+    Stage { purpose: Purpose::Sweep(fixture, repeat), steps }
 }
 
 #[cfg(test)]
@@ -49,6 +50,9 @@ mod tests {
     #[test]
     fn every_point_waits_eleven_periods_and_a_second_and_a_whole_frame() {
         let eis = Eis {
+            fixture: Fixture::Cell,
+            repeat: 1,
+            rest_s: 0.0,
             freqs_hz: vec![0.1, 0.21, 300.0],
             amplitude_a: 1.0,
             periods: 11.0,
@@ -59,7 +63,7 @@ mod tests {
             mains_hz: None,
         };
         let limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
-        let stage = stage((Fixture::Cell, true), &eis, &limits, |span_s| 2.5 * span_s);
+        let stage = stage((Fixture::Cell, 1, true), &eis, &limits, |span_s| 2.5 * span_s);
         let waits: Vec<(f64, f64)> = stage
             .steps
             .iter()

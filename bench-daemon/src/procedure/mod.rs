@@ -2,6 +2,7 @@
 
 mod eis_sweep;
 mod soc_reset;
+mod trace;
 
 use instruments::{instrument::by_key, mock::plant::Fixture, scope, supply4q, units::Seconds};
 
@@ -10,15 +11,19 @@ use crate::{
     plan::{Plan, Purpose, Stage, Step},
 };
 
-/// The whole experiment as a plan: fixture check, temperature, SOC reset, sweep of the cell. The controls come first, so that the cell is put into
+/// The whole experiment as a plan: fixture check, temperature, SOC reset, then rounds of one sweep and each trace, as often as each is to be repeated. The controls come first, so that the cell is put into
 /// the jig once, after the last of them, and nothing has to be clamped where it sits.
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
     let supply = experiment.bench.instruments.supply4q.as_ref().and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
     let held = supply.is_some_and(|dialect| dialect.capabilities().current_limit);
     let limits = &experiment.cell.limits;
+    let sweep = |fixture, repeat| {
+        let eis = experiment.eis.as_ref()?;
+        Some(eis_sweep::stage((fixture, repeat, held), eis, limits, time_base(experiment)))
+    };
     for (control, _) in experiment.fixture_check.iter().flat_map(|check| &check.controls) {
-        stages.push(eis_sweep::stage((*control, held), &experiment.eis, limits, time_base(experiment)));
+        stages.extend(sweep(*control, 0));
     }
     if let Some(temperature) = &experiment.temperature {
         let (setpoint_c, within_k, max_s) = (temperature.setpoint_c, temperature.within_k, temperature.timeout_s);
@@ -30,7 +35,13 @@ pub fn plan(experiment: &Experiment) -> Plan {
     if let Some(reset) = &experiment.soc_reset {
         stages.push(soc_reset::stage(reset));
     }
-    stages.push(eis_sweep::stage((Fixture::Cell, held), &experiment.eis, limits, time_base(experiment)));
+    let sweeps = experiment.eis.as_ref().map_or(0, |eis| eis.repeat);
+    let rounds = experiment.traces.iter().map(|trace| trace.repeat).fold(sweeps, usize::max);
+    for round in 1..=rounds {
+        stages.extend(experiment.eis.as_ref().filter(|eis| round <= eis.repeat).and_then(|eis| sweep(eis.fixture, round)));
+        let due = experiment.traces.iter().filter(|trace| round <= trace.repeat);
+        stages.extend(due.map(|trace| trace::stage((trace, round), &experiment.cell, held, time_base(experiment))));
+    }
     Plan { stages }
 }
 

@@ -1,6 +1,6 @@
 //! One trial: hidden truth, data set, diagnosis, score.
 
-use analysis::diagnosis::{Block, DiagnosisOptions, Gap, Outcome, Verdict, diagnose, yardstick};
+use analysis::diagnosis::{Block, Candidate, DiagnosisOptions, Gap, Outcome, Verdict, diagnose, yardstick};
 use fixtures::hidden::{Case, EffectKind, Spec, Stratum};
 use serde::Serialize;
 
@@ -57,7 +57,9 @@ pub struct Score {
     pub parameters: Vec<ParameterScore>,
     /// The most significant blocks of the base's residual: dimension, part, χ² against its expectation.
     pub places: Vec<String>,
-    /// Why the best refused candidate was refused.
+    /// The candidates of the first round: name, Lagrange score, penalised gain, why not.
+    pub ranking: Vec<String>,
+    /// Summary and notes.
     pub notes: Vec<String>,
 }
 
@@ -159,6 +161,10 @@ fn end(verdict: Option<Verdict>, truth: &[&str], named: &[&str], rivals: &[&str]
     }
 }
 
+fn candidate(c: &Candidate) -> String {
+    format!("{}: Lagrange {:.1}, score {:.1}, {}", c.name, c.lagrange, c.score.unwrap_or(f64::NAN), c.refused_because)
+}
+
 fn place(b: &Block) -> String {
     format!("{}, {}: χ² {:.0} of {:.0}, mean {:.1} σ, p {:.1e}", b.dimension, b.part, b.chi2, b.expected_chi2, b.mean_z, b.p_value)
 }
@@ -181,24 +187,31 @@ fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, clos
         closed,
         parameters: Vec::new(),
         places: d.map_or(Vec::new(), |d| d.blocks.iter().take(5).map(place).collect()),
-        notes: d.map_or(Vec::new(), |d| d.notes.clone()),
+        ranking: d.map_or(Vec::new(), |d| d.ranking.iter().take(6).map(candidate).collect()),
+        notes: d.map_or(Vec::new(), |d| std::iter::once(&d.summary).chain(&d.notes).cloned().collect()),
     }
 }
 
-/// The strength of a kind at which λ is about as wanted: λ grows as the square, so that a few probes do.
+/// The strength of a kind at which λ is about as wanted, by a secant in logarithms: λ grows with some power of the strength.
 ///
 /// # Errors
 /// As [`strength`].
 pub fn strength_for(seed: u64, kind: EffectKind, lambda: f64) -> anyhow::Result<f64> {
+    let mut before: Option<(f64, f64)> = None;
     let mut at: f64 = 0.1;
-    for _ in 0..3 {
+    for _ in 0..6 {
         let spec = Spec::single(seed, kind, at);
-        let met = strength(&spec, &Case::new(&spec))?;
-        let factor = (lambda / met.max(1e-6)).sqrt().clamp(0.02, 20.0);
-        at = (at * factor).min(3.0);
-        if (factor - 1.0).abs() < 0.1 {
+        let met = strength(&spec, &Case::new(&spec))?.max(1e-6);
+        if (met / lambda).ln().abs() < 0.15 {
             break;
         }
+        let power = before.map_or(2.0, |(s, l)| ((met / l).ln() / (at / s).ln()).clamp(0.5, 6.0));
+        before = Some((at, met));
+        let next = (at * ((lambda / met).ln() / power).exp().clamp(1e-3, 20.0)).clamp(1e-7, 3.0);
+        if (next / at).ln().abs() < 1e-3 {
+            break;
+        }
+        at = next;
     }
     Ok(at)
 }

@@ -96,6 +96,8 @@ pub enum Intent {
     Trigger(Trigger),
     /// Arm for repeated triggers.
     Arm,
+    /// Record without a trigger: from a screen that holds half a second on, a stop keeps what the screen held just then.
+    Roll,
     /// Keep the newest complete frame.
     Stop,
     /// Choose a channel and every `stride`-th point for download.

@@ -96,6 +96,9 @@ impl Dialect for Sds {
             Intent::Arm => {
                 vec![Exchange::word(":TRIGger:MODE NORMal", ":TRIGger:MODE?", &["NORMal"]), Exchange::send(":TRIGger:RUN")]
             }
+            Intent::Roll => {
+                vec![Exchange::word(":TRIGger:MODE AUTO", ":TRIGger:MODE?", &["AUTO"]), Exchange::send(":TRIGger:RUN")]
+            }
             Intent::Stop => vec![Exchange::send(":TRIGger:STOP")],
             Intent::Transfer { channel, stride } => vec![
                 digits(),

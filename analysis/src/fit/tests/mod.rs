@@ -1,5 +1,6 @@
 //! Tests of the fit as a whole: the thesis' data, known circuits, noise, refusals, files.
 
+mod additions;
 mod clusters;
 mod known;
 mod minima;

@@ -113,7 +113,7 @@ fn a_model_file_is_read_back_and_a_foreign_one_refused() {
     assert!((json["pack"]["dc_resistance_ohm"].as_f64().unwrap() - 0.048).abs() < 1e-7, "{text}");
     let refused = |from: &str, to: &str| ModelFile::from_json(&text.replacen(from, to, 1)).unwrap_err().to_string();
     assert_eq!(refused("eis-bench/model", "other"), "model file: expected schema \"eis-bench/model\", met \"other\"");
-    assert_eq!(refused("\"schema_version\": 1", "\"schema_version\": 2"), "model file: expected schema version 1 to 1, met 2");
+    assert_eq!(refused("\"schema_version\": 1", "\"schema_version\": 3"), "model file: expected schema version 1 to 2, met 3");
     assert!(refused("{", "[").starts_with("model file: "));
     let mut dead = file;
     dead.fit.erm.r_ohm = -1.0;

@@ -1,5 +1,6 @@
 //! The simulation against an integrator of its own, closed forms, difference quotients and conservation of energy.
 
+mod additions;
 mod batch;
 mod exactness;
 mod law;

@@ -20,7 +20,10 @@ use crate::{command::Failure, config::Experiment, fixture_check, record::Recorde
 /// # Errors
 /// A fit that cannot be made; a file that cannot be written.
 pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Result<String, Failure> {
-    let fits = fit_orders(recorder, experiment, &measured.spectrum);
+    if measured.spectrum.points.is_empty() {
+        return Ok(summary(recorder, experiment, measured, (&[], None)));
+    }
+    let fits = fit_orders(recorder, experiment, measured);
     let pack = Pack::new(experiment.cell.series, experiment.cell.parallel, 0.0).map_err(|error| Failure::Analysis(error.to_string()))?;
     for fit in &fits {
         let mapped = PackModel::new(&fit.erm, pack).map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -38,16 +41,16 @@ pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: 
     recorder.text("budget.csv", &budget.to_csv())?;
     recorder.json("budget.json", &budget)?;
     report::write(recorder, experiment, measured, (&fits, &budget))?;
-    Ok(summary(recorder, experiment, measured, (&fits, &budget)))
+    Ok(summary(recorder, experiment, measured, (&fits, Some(&budget))))
 }
 
-/// The orders that could be fitted; one that could not is noted and does not cost the others.
-fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, spectrum: &Spectrum) -> Vec<ErmFit> {
+/// The orders that could be fitted, to all sweeps of the cell together; one that could not is noted and does not cost the others.
+fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Vec<ErmFit> {
+    let spectra: Vec<Spectrum> = std::iter::once(&measured.spectrum).chain(&measured.repeats).cloned().collect();
     let mut fits = Vec::new();
     for &rc in &experiment.fit.rc {
-        let spectra = std::slice::from_ref(spectrum);
-        let bounds = Bounds::for_spectra(spectra);
-        match fit_erm(spectra, &FitOptions { rc, objective: experiment.fit.objective, seed: experiment.seed, bounds }) {
+        let bounds = Bounds::for_spectra(&spectra);
+        match fit_erm(&spectra, &FitOptions { rc, objective: experiment.fit.objective, seed: experiment.seed, bounds }) {
             Ok(fit) if fit.objective.is_finite() => fits.push(fit),
             Ok(_) => recorder.warning(&format!("no model with {rc} RC: its objective is not finite")),
             Err(error) => recorder.warning(&format!("no model with {rc} RC: {error}")),
@@ -77,7 +80,7 @@ fn range_warnings(recorder: &mut Recorder, measured: &Measured) {
     }
 }
 
-fn summary(recorder: &Recorder, experiment: &Experiment, measured: &Measured, (fits, budget): (&[ErmFit], &Budget)) -> String {
+fn summary(recorder: &Recorder, experiment: &Experiment, measured: &Measured, (fits, budget): (&[ErmFit], Option<&Budget>)) -> String {
     let mut lines = vec![format!("{} on bench {}: {}", experiment.name, experiment.bench.name, experiment.cell.name), String::new()];
     for control in &measured.controls {
         lines.push(format!("control {}, as read: {}", control.control, control.raw.text));
@@ -95,7 +98,7 @@ fn summary(recorder: &Recorder, experiment: &Experiment, measured: &Measured, (f
             ));
         }
     }
-    lines.extend(budget.in_words());
+    lines.extend(budget.map(Budget::in_words).into_iter().flatten());
     lines.push(String::new());
     for fit in fits {
         let chi2 = fit.reduced_chi2.map_or_else(String::new, |chi2| format!(", reduced χ² {chi2:.2}"));
@@ -107,12 +110,18 @@ fn summary(recorder: &Recorder, experiment: &Experiment, measured: &Measured, (f
             1.0e6 * fit.rms_ohm
         ));
     }
+    for trace in &recorder.index().traces {
+        let (file, ocv_v, steps) = (&trace.file, trace.start_ocv_v, trace.steps_s.len());
+        lines.push(format!("trace {}, repeat {}: {steps} steps from {ocv_v:.4} V at rest, {file}", trace.name, trace.repeat));
+    }
     if !recorder.warnings().is_empty() {
         lines.push(String::new());
         lines.extend(recorder.warnings().iter().map(|warning| format!("note: {warning}")));
     }
     lines.push(String::new());
     lines.push(format!("run folder: {}", recorder.folder().display()));
-    lines.push(format!("report:     {}", recorder.path("report.html").display()));
+    if budget.is_some() {
+        lines.push(format!("report:     {}", recorder.path("report.html").display()));
+    }
     lines.join("\n") + "\n"
 }

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use analysis::{
     fit::ModelFile,
     forward::{
-        Demand, ForwardError, Profile, ScaleLimit, ScaleOptions, SimModel, SimOptions, SimState, Simulation, largest_scale, sensitivity,
-        simulate,
+        Demand, ForwardError, Profile, ScaleLimit, ScaleOptions, SimModel, SimOptions, SimState, Simulation, TRACE_BRANCHES, largest_scale,
+        sensitivity, simulate,
     },
     model::Erm,
     ocv::OcvCurve,
@@ -14,7 +14,7 @@ use analysis::{
 use serde::Serialize;
 
 use super::{Output, SimpleIr};
-use crate::terminal::say;
+use crate::{command::files, terminal::say};
 
 /// A profile and what came of it.
 #[derive(Debug)]
@@ -50,7 +50,10 @@ impl Case {
             let cell = Erm { r_ohm: dcir_ohm, branches: Vec::new() };
             bare = SimModel::pack(&cell, model.ocv.clone(), model.pack)?;
         }
-        let dcir_ohm = dcir_ohm.unwrap_or_else(|| file.fit.erm.dc_resistance_ohm());
+        let dcir_ohm = dcir_ohm.unwrap_or_else(|| match file.additions.is_empty() {
+            true => file.fit.erm.dc_resistance_ohm(),
+            false => (model.erm.dc_resistance_ohm() - model.pack.interconnect_ohm) / model.pack.ratio(),
+        });
         let rest = SimState { soc: state.soc, v_rc_v: Vec::new() };
         let simple = simulate(&bare, &rest, &profile, &options)?;
         let scale = ScaleOptions { window: options.window, ..ScaleOptions::for_profile(&profile) };
@@ -60,8 +63,12 @@ impl Case {
                 Some([largest_scale(model, state, &profile, &scale)?, largest_scale(&bare, &rest, &profile, &scale)?])
             }
         };
-        // Where the run stopped the voltage has no derivative, and there is no lowest one.
-        let slopes_v = if full.summary.feasible { slopes_v(file, (model, state), &profile, (&full, &options))? } else { Vec::new() };
+        // Where the run stopped the voltage has no derivative, and there is no lowest one. With additions the fit's parameters are not all.
+        let slopes_v = if full.summary.feasible && file.additions.is_empty() {
+            slopes_v(file, (model, state), &profile, (&full, &options))?
+        } else {
+            Vec::new()
+        };
         Ok(Self { profile, full, simple, limits, dcir_ohm, slopes_v })
     }
 
@@ -105,6 +112,14 @@ impl Case {
     fn notes(&self, file: &ModelFile) -> Vec<String> {
         let (s, name) = (&self.full.summary, &self.profile.name);
         let mut notes: Vec<String> = file.fit.warnings.iter().map(|warning| format!("of the model's fit: {warning}")).collect();
+        notes.extend(files::addition_notes(file));
+        if !file.additions.is_empty() {
+            notes.push("what the uncertainty of the fit does to the lowest voltage is not given for a model with additions".to_owned());
+        }
+        let branches = self.full.trace.v_rc_v.len();
+        if branches > TRACE_BRANCHES {
+            notes.push(format!("{name}: the trace file holds the voltages of {TRACE_BRANCHES} of {branches} branches"));
+        }
         if s.margin_low_v < 0.0 {
             notes.push(format!("{name}: a cell falls {:.3} V below its lower limit", -s.margin_low_v));
         }

@@ -76,7 +76,7 @@ pub(super) fn write(
 /// Nyquist plots: name, caption, plot.
 fn plots(experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> Vec<(String, String, ImpedancePlot)> {
     let spectra = std::slice::from_ref(&measured.spectrum);
-    let subtitle = format!("{} A, corrected by the control impedances", experiment.eis.amplitude_a);
+    let subtitle = format!("{} A, corrected by the control impedances", amplitude_a(experiment));
     let data = Series::data(&measured.spectrum, 0).labelled(Some("measured, 2σ"));
     let title = format!("Nyquist plot, {}", experiment.cell.name);
     let all = std::iter::once(data.clone()).chain(model_curves(spectra, fits)).collect();
@@ -110,8 +110,12 @@ fn controls_plot(experiment: &Experiment, measured: &Measured) -> (String, Strin
         }
     }
     let caption = "The control impedances: what the bench reads without and with the correction that it computes from them.".to_owned();
-    let plot = ImpedancePlot::new("Control impedances", &format!("{} A", experiment.eis.amplitude_a), series);
+    let plot = ImpedancePlot::new("Control impedances", &format!("{} A", amplitude_a(experiment)), series);
     ("nyquist_controls".to_owned(), caption, ImpedancePlot { mark_decades: false, ..plot })
+}
+
+fn amplitude_a(experiment: &Experiment) -> f64 {
+    experiment.eis.as_ref().map_or(0.0, |eis| eis.amplitude_a)
 }
 
 fn verdicts(recorder: &Recorder, measured: &Measured, fits: &[ErmFit]) -> Vec<Verdict> {

@@ -1,0 +1,3 @@
+mod edge;
+mod sample;
+mod words;

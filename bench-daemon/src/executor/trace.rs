@@ -1,0 +1,311 @@
+//! A current trace: the generator's offset commands steps of direct current through the bipolar supply, the scope records frames around them.
+//!
+//! What the channels show while nothing flows is taken off; the correction of the harness gives current and voltage from the rest, and the voltmeter
+//! at the jig the voltage at rest that the change counts from.
+
+use analysis::{
+    dataset::{Capture, CurrentBetween, CurrentPositive, TraceEntry, TraceRow},
+    thinning::{Mean, Thinned, Thinning, Window, thin},
+};
+use instruments::{
+    generator::Sine,
+    mock::plant::Fixture,
+    scope::{Intent, Trigger, Vertical, Waveform},
+    units::{Hertz, Seconds, Volts},
+};
+
+use super::{ExecuteError, Executor, POLL_S, require};
+use crate::{
+    interlock::{self, Reading},
+    plan::{Frame, Level, TracePlan},
+    record::capture_of,
+};
+
+/// The generator's least sine lies on the offset; here it disturbs least.
+const QUIET_FREQ: Hertz = Hertz(1000.0);
+/// Readings of the voltmeter that the voltage at rest is the mean of.
+const REST_READINGS: usize = 10;
+/// Seconds between two readings of a resting cell.
+const REST_POLL_S: f64 = 10.0;
+/// The frame that shows the zeros.
+const ZERO_FRAME: Frame = Frame { start_s: 0.0, span_s: 1.0, memory_points: 10_000, record_points: 10_000 };
+/// For the scope to fill its screen, s.
+const FILL_S: f64 = 0.05;
+/// Before an action of the trace no reading is begun in this time, s: it would make it late.
+const QUIET_S: f64 = 0.4;
+/// A step shows in the record from this much before the command to this much after it, s.
+const STEP_WINDOW_S: (f64, f64) = (0.05, 0.25);
+/// The trigger level lies so many divisions above the centre, out of reach: the scope is to roll.
+const OUT_OF_REACH_DIV: f64 = 4.0;
+/// Share of a frame that may clip: the loop's inductance answers a step with a spike, which no row takes in.
+const SPIKES: f64 = 1.0e-4;
+/// The slowest supply settles within this time, s: eight time constants at 5 kHz.
+const SETTLE_S: f64 = 2.5e-4;
+/// How far the current may be from its command, as a share and A.
+const FOLLOWS: (f64, f64) = (0.1, 0.3);
+/// Least current that the vertical scales are set for, A.
+const LEAST_SCALE_A: f64 = 0.5;
+
+/// What is seen of the cell while nothing flows.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Zero {
+    /// Channels 1…4, V.
+    volts: [f64; 4],
+    /// Voltage at rest by the voltmeter, V.
+    ocv_v: f64,
+    /// Temperature of the cell, °C.
+    temperature_c: Option<f64>,
+}
+
+/// What is done when.
+#[derive(Debug, Clone, Copy)]
+enum Action {
+    Arm(Frame),
+    Level(Level),
+    Fetch(Frame),
+}
+
+/// A trace as far as it was recorded.
+#[derive(Default)]
+struct Recorded {
+    rows: Vec<TraceRow>,
+    steps_s: Vec<f64>,
+    /// Squares of the scatters of shunt and jig, V², summed.
+    squares: [f64; 2],
+    frames: usize,
+}
+
+impl Executor<'_> {
+    /// Watches the cell while nothing flows.
+    pub(super) async fn pause(&mut self, span_s: f64) -> Result<(), ExecuteError> {
+        let end_s = self.clock.now_s() + span_s;
+        while self.clock.now_s() < end_s {
+            self.clock.sleep_s(REST_POLL_S.min(end_s - self.clock.now_s())).await;
+            self.watch("rest", Fixture::Cell).await?;
+        }
+        Ok(())
+    }
+
+    /// Rests, then looks at the cell while nothing flows.
+    pub(super) async fn zero(&mut self, trace: &TracePlan) -> Result<(), ExecuteError> {
+        self.pause(trace.rest_s).await?;
+        let mut ocv_v = 0.0;
+        for _ in 0..REST_READINGS {
+            let reading = self.watch("rest", Fixture::Cell).await?;
+            ocv_v += reading.voltage_v.unwrap_or(f64::NAN) / REST_READINGS as f64;
+        }
+        let temperature_c = self.cell_temperature().await?;
+        self.judge("rest", Reading { time_s: self.clock.now_s(), voltage_v: Some(ocv_v), temperature_c, ..Reading::default() })?;
+        let (low, high) = trace.start_v;
+        if !(low..=high).contains(&ocv_v) {
+            return Err(ExecuteError::Disobeyed {
+                what: format!("cell before trace {}", trace.name),
+                expected: format!("{low} V to {high} V at rest"),
+                met: format!("{ocv_v:.4} V"),
+            });
+        }
+        self.trace_ranges(trace, ocv_v);
+        self.arm(&ZERO_FRAME).await?;
+        self.clock.sleep_s(ZERO_FRAME.span_s + FILL_S).await;
+        let (capture, _) = self.fetch(&ZERO_FRAME, (trace, "zero")).await?;
+        let thinned = thin(&capture, &[], &Thinning { settle_s: 0.0, first_s: 1.0, growth: 1.0, longest_s: f64::INFINITY });
+        let [mean] = thinned.means.as_slice() else {
+            return Err(disobeyed(&trace.name, "a frame of the zeros", "an empty one"));
+        };
+        self.zero = Some(Zero { volts: mean.volts, ocv_v, temperature_c });
+        Ok(())
+    }
+
+    /// Drives and records a trace.
+    pub(super) async fn trace(&mut self, trace: &TracePlan) -> Result<(), ExecuteError> {
+        let Some(zero) = self.zero.take() else { return Err(disobeyed(&trace.name, "the zeros of the channels", "none")) };
+        let mut actions: Vec<(f64, Action)> = trace.levels.iter().map(|level| (level.at_s, Action::Level(*level))).collect();
+        for frame in &trace.frames {
+            actions.push((frame.start_s, Action::Arm(*frame)));
+            actions.push((frame.start_s + frame.span_s, Action::Fetch(*frame)));
+        }
+        actions.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let origin_s = self.clock.now_s();
+        let mut commanded: Vec<(f64, f64)> = vec![(origin_s, 0.0)];
+        let mut recorded = Recorded::default();
+        let mut filled_s = origin_s;
+        for (at_s, action) in actions {
+            self.wait_until(origin_s + at_s).await?;
+            match action {
+                Action::Arm(frame) => {
+                    self.arm(&frame).await?;
+                    filled_s = self.clock.now_s() + frame.span_s + FILL_S;
+                }
+                Action::Level(level) => {
+                    commanded.push((self.clock.now_s(), level.current_a));
+                    self.command(level.current_a).await?;
+                }
+                Action::Fetch(frame) => {
+                    self.wait_until(filled_s).await?;
+                    let name = format!("frame{:03}", recorded.frames + 1);
+                    let (capture, start_s) = self.fetch(&frame, (trace, &name)).await?;
+                    self.append(trace, &zero, (&capture, start_s, origin_s), (&commanded, &mut recorded))?;
+                }
+            }
+        }
+        self.finish_trace(trace, &zero, (origin_s, recorded))
+    }
+
+    /// Waits, reading and judging as long as that makes nothing late.
+    async fn wait_until(&mut self, until_s: f64) -> Result<(), ExecuteError> {
+        loop {
+            let left_s = until_s - self.clock.now_s();
+            if left_s <= POLL_S + QUIET_S {
+                self.clock.sleep_s(left_s).await;
+                return Ok(());
+            }
+            self.clock.sleep_s(POLL_S).await;
+            self.watch("trace", Fixture::Cell).await?;
+        }
+    }
+
+    /// Scales that hold the whole trace, with the cell's voltage at rest in the centre of channel 4.
+    fn trace_ranges(&mut self, trace: &TracePlan, ocv_v: f64) {
+        let Some(scope) = self.bench.scope.as_ref().map(|scope| scope.capabilities()) else { return };
+        let (least_a, greatest_a) = trace.extremes_a();
+        let most_a = greatest_a.max(-least_a).max(LEAST_SCALE_A);
+        let (down_v, up_v) = trace.drift_v(&self.experiment.cell.limits);
+        for (slot, channel) in (1..=4_u8).enumerate() {
+            let drift_v = if channel == 4 { 0.5 * up_v.max(-down_v) } else { 0.0 };
+            let per_div = Volts(self.experiment.bench.wiring.scale_per_ampere_v[slot] * most_a + drift_v / scope.half_range_div);
+            let offset = Volts(if channel == 4 { -ocv_v } else { 0.0 });
+            self.verticals[slot] = Some(Vertical { channel, per_div: scope.scale_for_offset(per_div, offset), offset });
+        }
+    }
+
+    async fn arm(&mut self, frame: &Frame) -> Result<(), ExecuteError> {
+        self.apply_verticals().await?;
+        let error = self.bench.error("scope");
+        let memory_points = frame.memory_points;
+        let level = Volts(OUT_OF_REACH_DIV * self.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()));
+        let remembered = self.memory_points.replace(memory_points) == Some(memory_points);
+        let scope = require(&mut self.bench.scope, "scope")?;
+        if !remembered {
+            scope.set(&Intent::Session { memory_points }).await.map_err(&error)?;
+        }
+        let per_div = scope.capabilities().time_per_div(Seconds(frame.span_s));
+        for intent in [Intent::Timebase(per_div), Intent::Trigger(Trigger { channel: 2, level }), Intent::Roll] {
+            scope.set(&intent).await.map_err(&error)?;
+        }
+        Ok(())
+    }
+
+    /// Stops the scope and downloads what its screen holds; also says since when, bench s. It is on disk when this returns.
+    async fn fetch(&mut self, frame: &Frame, (trace, name): (&TracePlan, &str)) -> Result<(Capture, f64), ExecuteError> {
+        let error = self.bench.error("scope");
+        let scope = require(&mut self.bench.scope, "scope")?;
+        let end_s = self.clock.now_s();
+        scope.stop().await.map_err(&error)?;
+        let mut waveforms = Vec::with_capacity(4);
+        for channel in 1..=4 {
+            waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, frame.record_points).await.map_err(&error)?);
+        }
+        let fail = |reason: String| ExecuteError::Frame { trace: trace.name.clone(), frame: name.to_owned(), reason };
+        let waveforms: [Waveform; 4] = waveforms.try_into().map_err(|_| fail("not four channels".to_owned()))?;
+        let screen_s = require(&mut self.bench.scope, "scope")?.capabilities();
+        let screen_s = screen_s.time_per_div(Seconds(frame.span_s)).value() * screen_s.horizontal_div;
+        self.check_frame(0.0, &waveforms, screen_s).map_err(|refused| fail(refused.to_string()))?;
+        let start_s = end_s - screen_s;
+        let label = format!("trace {} repeat {} {name}", trace.name, trace.repeat);
+        let capture = capture_of(label, 0.0, start_s, &waveforms);
+        self.recorder.write_capture(&format!("trace_{}_{}", trace.name, trace.repeat), name, &capture)?;
+        if let Some(waveform) = waveforms.iter().find(|waveform| waveform.clipped_share() > SPIKES) {
+            let (channel, scale) = (waveform.channel, waveform.preamble.volts_per_div);
+            let reason = format!("channel {channel} clips at {scale:.4} V/div: expected a coarser wiring.scale_per_ampere");
+            return Err(fail(reason));
+        }
+        Ok((capture, start_s))
+    }
+
+    /// Commands a direct current, A, charge positive.
+    async fn command(&mut self, current_a: f64) -> Result<(), ExecuteError> {
+        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.experiment.bench.wiring;
+        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
+        let offset = Volts(current_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v);
+        let error = self.bench.error("generator");
+        let generator = require(&mut self.bench.generator, "generator")?;
+        let sine = Sine { freq: QUIET_FREQ, amplitude: generator.capabilities().min_amplitude, offset };
+        generator.sine(&sine).await.map_err(error)?;
+        Ok(())
+    }
+
+    /// Rows of one frame, each judged.
+    fn append(
+        &self,
+        trace: &TracePlan,
+        zero: &Zero,
+        (capture, start_s, origin_s): (&Capture, f64, f64),
+        (commanded, recorded): (&[(f64, f64)], &mut Recorded),
+    ) -> Result<(), ExecuteError> {
+        let end_s = start_s + capture.meta.interval_s * capture.codes[0].len() as f64;
+        let within = |(at_s, _): &&(f64, f64)| (start_s..end_s).contains(at_s);
+        let (before_s, after_s) = STEP_WINDOW_S;
+        let steps: Vec<(f64, f64)> = commanded.iter().skip(1).filter(within).copied().collect();
+        let windows: Vec<Window> = steps.iter().map(|(at_s, _)| (at_s - before_s - start_s, at_s + after_s - start_s)).collect();
+        let (first_s, growth, longest_s) = trace.thinning;
+        let thinned = thin(capture, &windows, &Thinning { settle_s: SETTLE_S, first_s, growth, longest_s });
+        let flowing_a = commanded.iter().take_while(|(at_s, _)| *at_s < start_s).last().map_or(0.0, |(_, amps)| *amps);
+        for mean in &thinned.means {
+            let passed = thinned.steps_s.iter().filter(|step_s| **step_s < mean.time_s).count();
+            let level_a = passed.checked_sub(1).and_then(|index| steps.get(index)).map_or(flowing_a, |(_, amps)| *amps);
+            recorded.rows.push(self.row(trace, zero, (mean, level_a, start_s - origin_s))?);
+        }
+        let Thinned { sigma_shunt_v, sigma_jig_v, steps_s, .. } = thinned;
+        recorded.steps_s.extend(steps_s.iter().map(|step_s| step_s + start_s - origin_s));
+        recorded.squares = [recorded.squares[0] + sigma_shunt_v.powi(2), recorded.squares[1] + sigma_jig_v.powi(2)];
+        recorded.frames += 1;
+        Ok(())
+    }
+
+    fn row(&self, trace: &TracePlan, zero: &Zero, (mean, level_a, shift_s): (&Mean, f64, f64)) -> Result<TraceRow, ExecuteError> {
+        let changed = [0, 1, 2, 3].map(|slot: usize| mean.volts[slot] - zero.volts[slot]);
+        let (current_a, change_v) = self.correction.direct(changed);
+        let time_s = mean.time_s + shift_s;
+        let voltage_v = zero.ocv_v + change_v;
+        let reading = Reading { time_s, voltage_v: Some(voltage_v), current_a: Some(current_a), temperature_c: None };
+        if let Some(trip) = interlock::judge(&self.envelope, &reading) {
+            return Err(trip.into());
+        }
+        let (share, amps) = FOLLOWS;
+        if (current_a - level_a).abs() > share * level_a.abs() + amps {
+            return Err(disobeyed(&trace.name, &format!("{level_a} A"), &format!("{current_a:.4} A at {time_s:.3} s")));
+        }
+        Ok(TraceRow { time_s, current_a, voltage_v, temperature_c: self.last_c.unwrap_or(f64::NAN), samples: mean.samples as f64 })
+    }
+
+    fn finish_trace(&mut self, trace: &TracePlan, zero: &Zero, (origin_s, recorded): (f64, Recorded)) -> Result<(), ExecuteError> {
+        let charge_c: f64 =
+            recorded.rows.windows(2).map(|pair| 0.5 * (pair[0].current_a + pair[1].current_a) * (pair[1].time_s - pair[0].time_s)).sum();
+        let scatter_v = recorded.squares.map(|square| (square / recorded.frames.max(1) as f64).sqrt());
+        let entry = TraceEntry {
+            file: format!("series_{}_{}.bdf.csv", trace.name, trace.repeat),
+            name: trace.name.clone(),
+            repeat: trace.repeat,
+            order: self.recorder.measured(),
+            start_time_s: origin_s,
+            start_ocv_v: zero.ocv_v,
+            charge_before_c: self.charge_c,
+            temperature_c: zero.temperature_c,
+            role: trace.role,
+            repeat_group: trace.repeat_group.clone(),
+            current_positive: CurrentPositive::Charge,
+            current_between_samples: CurrentBetween::Linear,
+            steps_s: recorded.steps_s,
+            sample_sigma_a: scatter_v[0] / self.experiment.bench.wiring.shunt.r_ohm,
+            sample_sigma_v: scatter_v[1],
+        };
+        self.charge_c += charge_c;
+        self.recorder.trace(entry, &recorded.rows)?;
+        Ok(())
+    }
+}
+
+fn disobeyed(trace: &str, expected: &str, met: &str) -> ExecuteError {
+    ExecuteError::Disobeyed { what: format!("trace {trace}"), expected: expected.to_owned(), met: met.to_owned() }
+}

@@ -1,0 +1,131 @@
+//! A trace as data: when the current steps, when the scope looks, and what the cell may be exposed to at worst meanwhile.
+
+use analysis::dataset::Role;
+
+use crate::interlock::Limits;
+
+/// A current that steps, with the frames that record it. Times count from the start of the first frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TracePlan {
+    /// Its name.
+    pub name: String,
+    /// Number of the repeat, from 1.
+    pub repeat: usize,
+    /// What it is for.
+    pub role: Role,
+    /// Traces of one group repeat each other.
+    pub repeat_group: String,
+    /// Rest before it, nothing connected, s.
+    pub rest_s: f64,
+    /// Steps of the current, by time; the last is to zero.
+    pub levels: Vec<Level>,
+    /// Frames, by time, apart from each other; every step lies within one.
+    pub frames: Vec<Frame>,
+    /// Open-circuit voltages at which it may begin, V.
+    pub start_v: (f64, f64),
+    /// Greatest resistance between current and voltmeter, Ω.
+    pub resistance_max_ohm: f64,
+    /// Capacity of the cell, C.
+    pub capacity_c: f64,
+    /// How frames are thinned out: first mean after a step, s; growth; longest, s.
+    pub thinning: (f64, f64, f64),
+}
+
+/// From here on this current flows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Level {
+    /// When, s.
+    pub at_s: f64,
+    /// Current, A, charge positive.
+    pub current_a: f64,
+}
+
+/// The scope looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// From here on, s …
+    pub start_s: f64,
+    /// … for this long, s.
+    pub span_s: f64,
+    /// Points in the scope's memory per channel.
+    pub memory_points: u64,
+    /// Points downloaded per channel.
+    pub record_points: u64,
+}
+
+/// Largest share of the capacity that a trace may move to either side.
+const GREATEST_SWING: f64 = 0.5;
+/// Longest frame, s: a simulated bench remembers twice as much.
+pub const LONGEST_FRAME_S: f64 = 200.0;
+
+impl TracePlan {
+    /// Time between the first frame and the end of the last, s.
+    pub fn length_s(&self) -> f64 {
+        self.frames.iter().map(|frame| frame.start_s + frame.span_s).fold(0.0, f64::max)
+    }
+
+    /// Least and greatest current, A; at most and at least zero.
+    pub fn extremes_a(&self) -> (f64, f64) {
+        self.levels.iter().fold((0.0, 0.0), |(least, greatest), level| (level.current_a.min(least), level.current_a.max(greatest)))
+    }
+
+    /// Farthest that the charge goes below and above where it starts, C.
+    pub fn swing_c(&self) -> (f64, f64) {
+        let (mut charge_c, mut least_c, mut greatest_c) = (0.0_f64, 0.0_f64, 0.0_f64);
+        for pair in self.levels.windows(2) {
+            charge_c += pair[0].current_a * (pair[1].at_s - pair[0].at_s);
+            (least_c, greatest_c) = (least_c.min(charge_c), greatest_c.max(charge_c));
+        }
+        (least_c, greatest_c)
+    }
+
+    /// How far the open-circuit voltage may move downwards and upwards, V: as much of the cell's window as the charge is of its capacity, doubled,
+    /// for the curve is steeper in places.
+    pub fn drift_v(&self, limits: &Limits) -> (f64, f64) {
+        let (least_c, greatest_c) = self.swing_c();
+        let per_coulomb = 2.0 * (limits.max_v - limits.min_v) / self.capacity_c;
+        (least_c * per_coulomb, greatest_c * per_coulomb)
+    }
+
+    /// Refuses what could leave the limits of the cell, at worst, or could not be recorded.
+    pub(super) fn check(&self, limits: &Limits) -> Result<(), String> {
+        let (least_a, greatest_a) = self.extremes_a();
+        for (amps, limit, what) in [(-least_a, limits.discharge_a, "discharge"), (greatest_a, limits.charge_a, "charge")] {
+            if amps > limit {
+                return Err(format!("expected {what} currents of at most {limit} A, found {amps} A"));
+            }
+        }
+        let (least_c, greatest_c) = self.swing_c();
+        let most_c = GREATEST_SWING * self.capacity_c;
+        if !(-least_c <= most_c && greatest_c <= most_c) {
+            let (least_ah, greatest_ah, most_ah) = (least_c / 3600.0, greatest_c / 3600.0, most_c / 3600.0);
+            return Err(format!("expected charge within ±{most_ah:.3} Ah of the start, found {least_ah:.3} Ah to {greatest_ah:.3} Ah"));
+        }
+        let (down_v, up_v) = self.drift_v(limits);
+        let lowest_v = self.start_v.0 + down_v + self.resistance_max_ohm * least_a;
+        let highest_v = self.start_v.1 + up_v + self.resistance_max_ohm * greatest_a;
+        if !(lowest_v >= limits.min_v && highest_v <= limits.max_v) {
+            return Err(format!(
+                "expected a cell voltage within {} V to {} V at worst, found {lowest_v:.3} V to {highest_v:.3} V, from {} V to {} V at the start",
+                limits.min_v, limits.max_v, self.start_v.0, self.start_v.1
+            ));
+        }
+        self.check_frames()
+    }
+
+    fn check_frames(&self) -> Result<(), String> {
+        if let Some(frame) = self.frames.iter().find(|frame| frame.span_s > LONGEST_FRAME_S) {
+            return Err(format!(
+                "expected steps that frames of at most {LONGEST_FRAME_S} s can hold, found one of {} s at {:.1} s: set pauses between the steps",
+                frame.span_s, frame.start_s
+            ));
+        }
+        let held = |level: &Level| self.frames.iter().any(|frame| (frame.start_s..frame.start_s + frame.span_s).contains(&level.at_s));
+        let apart = self.frames.windows(2).all(|pair| pair[0].start_s + pair[0].span_s < pair[1].start_s);
+        let ends = self.levels.last().is_some_and(|level| level.current_a == 0.0);
+        if apart && ends && self.levels.iter().all(held) {
+            return Ok(());
+        }
+        Err("expected each step within one frame, frames apart and an end without current".to_owned())
+    }
+}

@@ -1,0 +1,178 @@
+//! A current trace: the bipolar supply drives steps of direct current; the scope, which cannot look while it is read, records frames around the
+//! steps and short ones between them.
+
+use std::sync::Arc;
+
+use instruments::mock::plant::Fixture;
+
+use crate::{
+    config::{Cell, Segment, Trace},
+    plan::{Frame, LONGEST_FRAME_S, Level, Purpose, Stage, Step, TracePlan},
+};
+
+/// A frame begins this long before a step …
+const BEFORE_S: f64 = 0.5;
+/// … and ends this long after it at least, s.
+const AFTER_S: f64 = 2.0;
+/// To read a frame and arm for the next, s.
+const GAP_S: f64 = 2.5;
+/// A frame between steps: long enough to roll, s.
+const SPOT_S: f64 = 1.0;
+const SPOT_POINTS: u64 = 2_000;
+/// A frame around steps has this many points …
+const POINTS: u64 = 100_000;
+/// … up to this length, s, and ten times as many beyond.
+const FINE_S: f64 = 10.0;
+/// The compliance lies above the cell's limit by this much, V, and at least by what the loop takes, Ω.
+const COMPLIANCE: (f64, f64) = (0.3, 0.1);
+/// The current limit lies above the greatest current by this factor and this much, A.
+const LIMIT: (f64, f64) = (1.02, 0.5);
+
+/// `held` as for a sweep; `screen_s`: the time that the scope's screen spans when it is to hold at least a given span.
+pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: bool, screen_s: impl Fn(f64) -> f64) -> Stage {
+    let levels = levels(trace);
+    let frames = frames(&levels, end_s(trace), trace, screen_s);
+    let plan = Arc::new(TracePlan {
+        name: trace.name.clone(),
+        repeat,
+        role: trace.role,
+        repeat_group: trace.repeat_group.clone(),
+        rest_s: trace.rest_s,
+        levels,
+        frames,
+        start_v: trace.start_v,
+        resistance_max_ohm: trace.resistance_max_ohm,
+        capacity_c: cell.capacity_c,
+        thinning: (trace.first_sample_s, trace.growth, trace.longest_s),
+    });
+    let (least_a, greatest_a) = plan.extremes_a();
+    let most_a = greatest_a.max(-least_a);
+    let up = Step::PowerUp {
+        compliance_v: hundredths(cell.limits.max_v + (COMPLIANCE.1 * most_a).max(COMPLIANCE.0)),
+        limit_a: hundredths(LIMIT.0 * most_a + LIMIT.1),
+        held,
+    };
+    let steps = vec![Step::Mount(Fixture::Cell), Step::Zero(plan.clone()), up, Step::Trace(plan), Step::PowerDown];
+    Stage { purpose: Purpose::Trace, steps }
+}
+
+/// Two decimals are all that a supply shows.
+fn hundredths(value: f64) -> f64 {
+    (value * 100.0).round() / 100.0
+}
+
+/// The steps of the current; equal neighbours are one, and nothing flows at the end.
+fn levels(trace: &Trace) -> Vec<Level> {
+    let (mut levels, mut flowing_a, mut at_s): (Vec<Level>, f64, f64) = (Vec::new(), 0.0, BEFORE_S);
+    for Segment { current_a, duration_s } in trace.segments.iter().copied() {
+        if current_a != flowing_a {
+            levels.push(Level { at_s, current_a });
+            flowing_a = current_a;
+        }
+        at_s += duration_s;
+    }
+    if flowing_a != 0.0 || levels.is_empty() {
+        levels.push(Level { at_s, current_a: 0.0 });
+    }
+    levels
+}
+
+fn end_s(trace: &Trace) -> f64 {
+    BEFORE_S + trace.segments.iter().map(|segment| segment.duration_s).sum::<f64>()
+}
+
+/// Frames around the steps, each as long as its steps want, and spots between them, the farther apart the longer ago the step is.
+fn frames(levels: &[Level], end_s: f64, trace: &Trace, screen_s: impl Fn(f64) -> f64) -> Vec<Frame> {
+    let mut frames: Vec<Frame> = Vec::new();
+    let (mut free_s, mut first, mut stepped_s) = (0.0, 0, 0.0);
+    while let Some(step) = levels.get(first) {
+        let start_s = (step.at_s - BEFORE_S).max(free_s);
+        spots((free_s, start_s - GAP_S - SPOT_S), stepped_s, trace, &mut frames);
+        let mut last = first;
+        let span_s = loop {
+            let span_s = screen_s(levels[last].at_s + AFTER_S - start_s);
+            let crowded = levels.get(last + 1).is_some_and(|next| next.at_s - BEFORE_S < start_s + span_s + GAP_S);
+            if !crowded || span_s > LONGEST_FRAME_S {
+                break span_s;
+            }
+            last += 1;
+        };
+        let points = if span_s <= FINE_S { POINTS } else { 10 * POINTS };
+        frames.push(Frame { start_s, span_s, memory_points: points, record_points: points });
+        (free_s, first, stepped_s) = (start_s + span_s + GAP_S, last + 1, levels[last].at_s);
+    }
+    spots((free_s, end_s - SPOT_S), stepped_s, trace, &mut frames);
+    frames
+}
+
+fn spots((mut at_s, latest_s): (f64, f64), stepped_s: f64, trace: &Trace, frames: &mut Vec<Frame>) {
+    // Nothing is to be seen before the first step.
+    while at_s <= latest_s && !frames.is_empty() {
+        frames.push(Frame { start_s: at_s, span_s: SPOT_S, memory_points: 10_000, record_points: SPOT_POINTS });
+        at_s += (trace.growth * (at_s - stepped_s)).clamp(SPOT_S + GAP_S, trace.longest_s.max(SPOT_S + GAP_S));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use analysis::dataset::Role;
+
+    fn trace(segments: &[(f64, f64)]) -> Trace {
+        Trace {
+            name: "t".to_owned(),
+            role: Role::Train,
+            repeat_group: "t".to_owned(),
+            repeat: 1,
+            rest_s: 0.0,
+            start_v: (3.6, 3.8),
+            resistance_max_ohm: 0.03,
+            segments: segments.iter().map(|&(current_a, duration_s)| Segment { current_a, duration_s }).collect(),
+            first_sample_s: 0.002,
+            growth: 0.25,
+            longest_s: 10.0,
+        }
+    }
+
+    /// Screens of 1, 2, 5 and so on.
+    fn screen_s(span_s: f64) -> f64 {
+        [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0].into_iter().find(|screen_s| *screen_s >= span_s).unwrap_or(1000.0)
+    }
+
+    fn laid_out(segments: &[(f64, f64)]) -> (Vec<Level>, Vec<Frame>) {
+        let trace = trace(segments);
+        let levels = levels(&trace);
+        let frames = frames(&levels, end_s(&trace), &trace, screen_s);
+        (levels, frames)
+    }
+
+    #[test]
+    fn equal_neighbours_are_one_step_and_nothing_flows_at_the_end() {
+        let (levels, _) = laid_out(&[(0.0, 2.0), (-5.0, 3.0), (-5.0, 4.0), (3.0, 5.0)]);
+        let met: Vec<(f64, f64)> = levels.iter().map(|level| (level.at_s, level.current_a)).collect();
+        assert_eq!(met, [(2.5, -5.0), (9.5, 3.0), (14.5, 0.0)]);
+    }
+
+    #[test]
+    fn every_step_has_its_frame_and_frames_leave_time_to_be_read() {
+        let pulses = [(-5.0, 5.0), (0.0, 35.0), (5.0, 5.0), (0.0, 35.0)];
+        let long = [(-9.0, 300.0), (0.0, 300.0)];
+        let crowd = [(-9.0, 2.0), (4.0, 3.0), (-1.0, 2.0), (7.0, 30.0), (0.0, 10.0)];
+        for (segments, around) in [(&pulses[..], vec![10.0, 10.0]), (&long, vec![5.0, 5.0]), (&crowd, vec![10.0, 5.0])] {
+            let (levels, frames) = laid_out(segments);
+            for level in &levels {
+                let held = |frame: &&Frame| frame.start_s + BEFORE_S <= level.at_s && level.at_s + AFTER_S <= frame.start_s + frame.span_s;
+                assert!(frames.iter().any(|frame| held(&frame)), "{level:?}: {frames:?}");
+            }
+            for pair in frames.windows(2) {
+                assert!(pair[1].start_s - pair[0].start_s - pair[0].span_s >= GAP_S - 1.0e-9, "{pair:?}");
+            }
+            let steps: Vec<f64> = frames.iter().filter(|frame| frame.span_s > SPOT_S).map(|frame| frame.span_s).collect();
+            assert_eq!(steps, around, "{frames:?}");
+        }
+        // Spots stand the farther apart the longer ago the step is, up to the longest interval.
+        let (_, frames) = laid_out(&long);
+        let gaps: Vec<f64> = frames.windows(2).take(30).map(|pair| pair[1].start_s - pair[0].start_s).collect();
+        assert!(gaps[1] < 4.0 && (gaps[28] - 10.0).abs() < 1.0e-9, "{gaps:?}");
+    }
+}
