@@ -7,6 +7,7 @@ use analysis::{
     effects::Group,
     fit::ModelFile,
     forward::{OcvSource, SimModel},
+    ocv::OcvCurve,
     pack::Pack,
     plot::{self, Chart, PlotError},
 };
@@ -18,6 +19,15 @@ pub(super) fn read_model(path: &Path) -> Result<ModelFile, Failure> {
     let fail = |error: &dyn std::fmt::Display| Failure::Usage(format!("--model {}: {error}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| fail(&error))?;
     ModelFile::from_json(&text).map_err(|error| fail(&error))
+}
+
+/// Reads an OCV curve as `ocv --out` writes it.
+pub(super) fn read_curve(path: &Path) -> Result<OcvCurve, Failure> {
+    let fail = |reason: String| Failure::Usage(format!("{}: {reason}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| fail(error.to_string()))?;
+    let curve: OcvCurve = serde_json::from_str(&text).map_err(|error| fail(format!("expected an OCV curve as JSON: {error}")))?;
+    curve.validate().map_err(|error| fail(error.to_string()))?;
+    Ok(curve)
 }
 
 /// The model of a file as a simulation takes it: with the additions of the cell.
