@@ -13,7 +13,7 @@ use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
 use super::select::{Search, Selection, excess_z};
 use super::structure::Structure;
-use crate::effects::{Effect, Scale, catalogue};
+use crate::effects::{Effect, Facts, Scale, catalogue};
 use crate::model::Erm;
 use num_complex::Complex64;
 
@@ -44,6 +44,8 @@ pub struct Outcome {
     pub diagnosis: Diagnosis,
     /// One entry per run.
     pub curves: Vec<RunCurves>,
+    /// What the data reach; an augmented model file keeps it.
+    pub facts: Facts,
 }
 
 /// Diagnoses a data set against a model.
@@ -92,7 +94,7 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
     let held_out_z = held_out_z(problem, &selection.fit, &mut desk);
     judge(&mut d, &selection, (moved, held_out_z));
     let curves = curves(&prepared, &model.erm, (&base, &selection.fit), &mut desk);
-    Ok(Outcome { diagnosis: d, curves })
+    Ok(Outcome { diagnosis: d, curves, facts: prepared.problem.base.facts })
 }
 
 /// The base refitted to spectra and training records: from the model, and from other time constants where that does not reach the floor.
@@ -358,9 +360,4 @@ fn curves(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mu
             RunCurves { name: block.name.clone(), held_out: block.role == Role::HeldOut, curves }
         })
         .collect()
-}
-
-/// Blocks that noise alone would hardly make.
-pub fn significant(blocks: &[Block]) -> impl Iterator<Item = &Block> {
-    blocks.iter().filter(|b| b.p_value < 0.01)
 }

@@ -1,5 +1,6 @@
 //! The discrepancy workflow: where do simulation and measurement disagree, what is missing, does adding it close the gap.
 
+mod additions;
 mod block;
 mod data;
 mod diagnose;
@@ -20,7 +21,7 @@ pub mod yardstick;
 
 pub use block::DataSetError;
 pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
-pub use diagnose::{DiagnosisOptions, Outcome, diagnose, significant};
+pub use diagnose::{DiagnosisOptions, Outcome, diagnose};
 pub use distinguish::distinguish;
 pub use guards::Guards;
 pub use outcome::{

@@ -13,6 +13,7 @@ pub(super) const R0: f64 = 7e-3;
 pub(super) const BRANCHES: [(f64, f64); 2] = [(2e-3, 0.05), (3e-3, 2.0)];
 pub(super) const CAPACITY_AH: f64 = 4.5;
 const START: f64 = 0.5;
+const COOLING_S: f64 = 500.0;
 
 /// Numbers between −1.7 and 1.7 of variance 1, from a multiplicative congruence.
 pub(super) struct Chance(u64);
@@ -40,7 +41,7 @@ pub(super) struct Hidden {
     pub(super) per_soc: f64,
     /// OCV moves (1 + q) times as far.
     pub(super) slope: f64,
-    /// R × exp(−g·∫heat).
+    /// R × exp(−g·heat); the heat goes with a time constant of [`COOLING_S`].
     pub(super) heat_per_j: f64,
     /// A contact that comes and goes, Ω.
     pub(super) telegraph_ohm: f64,
@@ -68,7 +69,7 @@ pub(super) const HISTORY: BenchHistory = BenchHistory {
     voltage_drift_s: 2.0,
     resistance_rel: 2e-3,
     current_gain_rel: 1e-3,
-    current_offset_a: 0.03,
+    current_offset_a: 0.06,
     current_noise_a: 0.0,
     current_resolution_a: 0.0,
     eis_noise_rel: 1e-3,
@@ -90,29 +91,32 @@ pub(super) fn record(segments: &[(f64, f64)], spacing: f64, hidden: &Hidden, cha
         let end = t + duration_s;
         let mut since: f64 = 0.0;
         while t < end - 1e-9 {
-            let z = START - (1.0 + hidden.slope) * moved_c / (3600.0 * CAPACITY_AH);
-            let factor = spread * (1.0 + hidden.per_soc * (z - START)) * (-hidden.heat_per_j * heat_j).exp();
+            let soc = |moved_c: f64| START - (1.0 + hidden.slope) * moved_c / (3600.0 * CAPACITY_AH);
+            let factor = |moved_c: f64, heat_j: f64| {
+                spread * (1.0 + hidden.per_soc * (soc(moved_c) - START)) * (-hidden.heat_per_j * heat_j).exp()
+            };
             if chance.uniform() < 0.05 {
                 contact = hidden.telegraph_ohm - contact;
             }
-            let loss_v = factor * R0 * amps + contact * amps + v[0] + v[1];
-            let saw_v = hidden.saw_v * ((moved_c / 120.0).rem_euclid(1.0) - 0.5);
+            let loss_v = factor(moved_c, heat_j) * R0 * amps + contact * amps + v[0] + v[1];
+            let saw_v = hidden.saw_v * ((moved_c / 25.0).rem_euclid(1.0) - 0.5);
             s.time_s.push(t);
             s.current_a.push(gain * amps + zero);
-            s.voltage_v.push(ocv_v(z) - loss_v + saw_v + level + HISTORY.voltage_noise_v * chance.normal());
+            s.voltage_v.push(ocv_v(soc(moved_c)) - loss_v + saw_v + level + HISTORY.voltage_noise_v * chance.normal());
             // Whole multiples of 10 ms, so that edges fall on samples.
             let step = ((spacing * since).max(0.01) * 100.0).round() / 100.0;
             let step = step.min(end - t);
-            // The truth in a hundred small steps.
-            for _ in 0..100 {
-                let h = step / 100.0;
+            // The truth in four hundred small steps.
+            for _ in 0..400 {
+                let h = step / 400.0;
+                let now = factor(moved_c + 0.5 * amps * h, heat_j);
                 for (v, (r, tau)) in v.iter_mut().zip(BRANCHES) {
-                    let target = factor * r * amps;
-                    *v = target + (*v - target) * (-h / (tau * factor)).exp();
+                    let target = now * r * amps;
+                    *v = target + (*v - target) * (-h / (tau * now)).exp();
                 }
-                heat_j += amps * (factor * R0 * amps + v[0] + v[1]) * h;
+                heat_j += (amps * (now * R0 * amps + v[0] + v[1]) - heat_j / COOLING_S) * h;
+                moved_c += amps * h;
             }
-            moved_c += amps * step;
             t += step;
             since += step;
         }
