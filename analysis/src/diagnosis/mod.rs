@@ -3,6 +3,7 @@
 mod block;
 mod data;
 mod diagnose;
+mod experiment;
 pub mod gate;
 mod guards;
 mod localise;
@@ -20,6 +21,7 @@ pub mod yardstick;
 pub use block::DataSetError;
 pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
 pub use diagnose::{DiagnosisOptions, Outcome, diagnose, significant};
+pub use experiment::{CurrentLimits, Planned, PlannedRun};
 pub use guards::Guards;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence, FittedParameter, Gap, NamedEffect,
