@@ -3,7 +3,7 @@
 use super::block::{DataSetError, Desk, Kind};
 use super::data::{DataSet, Role};
 use super::experiment::{CurrentLimits, PlannedRun, recommend};
-use super::guards::{GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
+use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
 use super::localise::localise;
 use super::noise::TERMS;
 use super::outcome::{
@@ -56,19 +56,23 @@ pub struct Outcome {
 /// # Errors
 /// [`DataSetError`] for a set or run that cannot be used at all.
 pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) -> Result<Outcome, DataSetError> {
-    let prepared = prepare(set, model, options.guards)?;
-    let problem = &prepared.problem;
+    let guards = options.guards;
+    let mut prepared = prepare(set, model, guards)?;
     let mut desk = Desk::default();
-    let base = base_fit(problem, &model.erm, &mut desk);
-    let before = localise(problem, &base, options.guards.tangent_projection, &mut desk);
-    let moved = if options.guards.sentinel { moved_floor(&prepared) } else { None };
-    let mut search = Search { problem, candidates: &options.candidates, guards: options.guards, desk: Desk::default() };
-    let selection = match moved {
-        Some(_) => Selection::nothing(&base),
-        None => search.run(&base),
-    };
-    let after = localise(problem, &selection.fit, options.guards.tangent_projection, &mut desk);
-    let quality = quality(&search, &base, &selection.fit);
+    let mut base = base_fit(&prepared.problem, &model.erm, &mut desk);
+    let mut selection = search(&prepared, options).run(&base);
+    let mut moved = if guards.sentinel { moved_floor(&prepared) } else { None };
+    if moved.is_some() {
+        // A missing effect can look like noise that moved: judge the repeats again by what is left of them.
+        prepared = prepared.again(&selection.fit, guards)?;
+        moved = moved_floor(&prepared);
+        base = base_fit(&prepared.problem, &model.erm, &mut desk);
+        selection = if moved.is_some() { Selection::nothing(&base) } else { search(&prepared, options).run(&base) };
+    }
+    let problem = &prepared.problem;
+    let before = localise(problem, &base, guards.tangent_projection, &mut desk);
+    let after = localise(problem, &selection.fit, guards.tangent_projection, &mut desk);
+    let quality = quality(problem, &base, &selection.fit);
     let mut d = Diagnosis {
         schema: DIAGNOSIS_SCHEMA,
         schema_version: DIAGNOSIS_SCHEMA_VERSION,
@@ -93,7 +97,7 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
     let held_out_z = held_out_z(problem, &selection.fit, &mut desk);
     judge(&mut d, &selection, (moved, held_out_z));
     let curves = curves(&prepared, &model.erm, (&base, &selection.fit), &mut desk);
-    let next = recommend(&prepared, d.verdict, &selection, options.limits);
+    let next = recommend(&prepared, d.verdict, (&base, &selection), options.limits);
     if next.is_none() && matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) {
         d.notes.push("no run of the menu would tell apart what is open".to_owned());
     }
@@ -133,14 +137,18 @@ fn moved_floor(prepared: &Prepared) -> Option<String> {
     (z.abs() > SENTINEL_Z).then(|| format!("{} has left the bench's history by {z:.1} standard deviations", TERMS[k].1))
 }
 
-fn quality(search: &Search<'_>, base: &Fit, after: &Fit) -> Quality {
-    let dof = search.degrees_of_freedom(base);
+fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions) -> Search<'a> {
+    Search { problem: &prepared.problem, candidates: &options.candidates, guards: options.guards, desk: Desk::default() }
+}
+
+fn quality(problem: &Problem, base: &Fit, after: &Fit) -> Quality {
+    let dof = problem.degrees_of_freedom(base);
     Quality {
         base_chi2: base.chi2,
         degrees_of_freedom: dof,
         base_z: excess_z(base.chi2, dof),
         augmented_chi2: after.chi2,
-        augmented_z: excess_z(after.chi2, search.degrees_of_freedom(after)),
+        augmented_z: excess_z(after.chi2, problem.degrees_of_freedom(after)),
     }
 }
 
@@ -216,6 +224,10 @@ fn judge(d: &mut Diagnosis, selection: &Selection, (moved, held_out_z): (Option<
         }
         (true, true) => {
             (Verdict::Unexplained, "The residual is within the assumed noise; without repeats this is not a finding.".to_owned())
+        }
+        (true, false) if d.rivals.is_empty() && d.effects.iter().any(|e| e.evidence.lambda < CERTAIN_LAMBDA) => {
+            let text = "Missing: {} – but the signal is so weak that something outside the catalogue would look the same.";
+            (Verdict::Ambiguous, text.replace("{}", &names.join(", ")))
         }
         (true, false) if d.rivals.is_empty() => (Verdict::Explained, format!("Missing and now added: {}.", names.join(", "))),
         (true, false) => {

@@ -63,7 +63,10 @@ pub(super) const MOST_PARTS: usize = 8;
 pub(super) const SENTINEL_Z: f64 = 5.0;
 /// Error of integration as a part of the floor.
 pub(super) const INTEGRATION_PART: f64 = 0.1;
-/// Strength over its standard uncertainty: the 95 % interval leaves zero out.
-pub(super) const LEAST_DEVIATES: f64 = 1.96;
+/// χ² that leaving an addition out must cost: its 95 % interval, by the likelihood, leaves zero out.
+pub(super) const LEAST_LAMBDA: f64 = 3.84;
+/// λ below which a name is never certain: something outside the catalogue that shares 70 % of an effect's signal would leave less than 5 standard
+/// deviations.
+pub(super) const CERTAIN_LAMBDA: f64 = 150.0;
 /// Effects added at most.
 pub(super) const MOST_EFFECTS: usize = 3;

@@ -3,6 +3,7 @@
 mod block;
 mod data;
 mod diagnose;
+mod distinguish;
 mod experiment;
 pub mod gate;
 mod guards;
@@ -21,6 +22,7 @@ pub mod yardstick;
 pub use block::DataSetError;
 pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
 pub use diagnose::{DiagnosisOptions, Outcome, diagnose, significant};
+pub use distinguish::distinguish;
 pub use experiment::{CurrentLimits, Planned, PlannedRun};
 pub use guards::Guards;
 pub use outcome::{

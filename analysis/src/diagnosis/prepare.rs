@@ -5,7 +5,7 @@ use super::data::{DataSet, Fixture, Role, RunData, Start};
 use super::experiment::PlannedRun;
 use super::guards::Guards;
 use super::noise::{Estimate, Prior, Shape, Term, estimate};
-use super::problem::Problem;
+use super::problem::{Fit, Problem};
 use super::whitening::Whitener;
 use crate::augmented::{Between, network};
 use crate::effects::{Base, Facts};
@@ -80,6 +80,26 @@ fn weigh(blocks: &[Block], shapes: &[Shape], estimate: &Estimate) -> Result<(Vec
 }
 
 impl Prepared {
+    /// The noise found anew from what a fit leaves: an effect that the base lacks makes repeats with slightly different currents differ.
+    pub(super) fn again(mut self, fit: &Fit, guards: Guards) -> Result<Self, DataSetError> {
+        let mut desk = Desk::default();
+        let problem = &mut self.problem;
+        let mut shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
+        if !guards.current_channel_noise {
+            shapes.iter_mut().for_each(Shape::forget_current_channel);
+        }
+        let residuals: Vec<Vec<f64>> = (0..problem.blocks.len())
+            .map(|k| {
+                let rows = problem.predict((&fit.structure, &fit.x), k, 1, &mut desk);
+                problem.blocks[k].measured.iter().zip(rows).map(|(m, p)| m - p).collect()
+            })
+            .collect();
+        self.estimate = estimate(&problem.blocks, &shapes, &residuals, &self.prior);
+        (problem.whiteners, problem.floors) = weigh(&problem.blocks, &shapes, &self.estimate)?;
+        self.sample_noise_v = self.estimate.log_sigmas[Term::White as usize].exp();
+        Ok(self)
+    }
+
     /// The same problem with other measurements of the same campaign, under the noise found.
     pub(super) fn with_runs(mut self, set: &DataSet) -> Result<Self, DataSetError> {
         let problem = &mut self.problem;

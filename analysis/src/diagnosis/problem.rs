@@ -50,6 +50,11 @@ impl Problem {
         self.of_role(Role::Train).map(|k| self.blocks[k].rows()).sum()
     }
 
+    /// Training rows less parameters.
+    pub(super) fn degrees_of_freedom(&self, fit: &Fit) -> f64 {
+        self.training_rows() as f64 - fit.x.len() as f64
+    }
+
     pub(super) fn of_role(&self, role: Role) -> impl Iterator<Item = usize> {
         self.blocks.iter().enumerate().filter(move |(_, b)| b.role == role).map(|(k, _)| k)
     }
@@ -243,6 +248,11 @@ impl Fit {
     pub(super) fn member_at_bound(&self, member: usize, branches: usize) -> bool {
         let first = self.structure.first(member, branches);
         (first..first + self.structure.members[member].free()).any(|k| at_bound(self.x[k], &self.axes[k]))
+    }
+
+    /// Another fit's structure at the coordinates that this one, which has one effect more, gives to it.
+    pub(super) fn base_of(&self, other: &Self) -> Self {
+        Self { x: self.x[..other.x.len()].to_vec(), ..other.clone() }
     }
 
     /// An orthonormal basis of the tangent space.

@@ -133,8 +133,3 @@ pub trait Dynamics {
     /// Moves the state over `step_s` seconds in which the current of `at` flows; `at` is the instant at the start.
     fn advance(&mut self, _at: &Instant, _step_s: f64) {}
 }
-
-#[cfg(test)]
-mod tests {
-    mod bench;
-}

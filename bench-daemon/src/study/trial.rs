@@ -1,6 +1,6 @@
 //! One trial: hidden truth, data set, diagnosis, score.
 
-use analysis::diagnosis::{Block, DiagnosisOptions, Gap, Outcome, Verdict, diagnose, yardstick};
+use analysis::diagnosis::{Block, Candidate, DiagnosisOptions, Gap, Outcome, Verdict, diagnose, yardstick};
 use fixtures::hidden::{Case, EffectKind, Spec, Stratum};
 use serde::Serialize;
 
@@ -57,6 +57,8 @@ pub struct Score {
     pub parameters: Vec<ParameterScore>,
     /// The most significant blocks of the base's residual: dimension, part, χ² against its expectation.
     pub places: Vec<String>,
+    /// The candidates of the first round: name, Lagrange score, penalised gain, why not.
+    pub ranking: Vec<String>,
     /// Summary and notes.
     pub notes: Vec<String>,
 }
@@ -159,6 +161,10 @@ fn end(verdict: Option<Verdict>, truth: &[&str], named: &[&str], rivals: &[&str]
     }
 }
 
+fn candidate(c: &Candidate) -> String {
+    format!("{}: Lagrange {:.1}, score {:.1}, {}", c.name, c.lagrange, c.score.unwrap_or(f64::NAN), c.refused_because)
+}
+
 fn place(b: &Block) -> String {
     format!("{}, {}: χ² {:.0} of {:.0}, mean {:.1} σ, p {:.1e}", b.dimension, b.part, b.chi2, b.expected_chi2, b.mean_z, b.p_value)
 }
@@ -181,6 +187,7 @@ fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, clos
         closed,
         parameters: Vec::new(),
         places: d.map_or(Vec::new(), |d| d.blocks.iter().take(5).map(place).collect()),
+        ranking: d.map_or(Vec::new(), |d| d.ranking.iter().take(6).map(candidate).collect()),
         notes: d.map_or(Vec::new(), |d| std::iter::once(&d.summary).chain(&d.notes).cloned().collect()),
     }
 }

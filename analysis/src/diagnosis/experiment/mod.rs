@@ -9,10 +9,11 @@ mod separate;
 pub use planned::{CurrentLimits, Planned, PlannedRun};
 
 use super::block::Desk;
+use super::guards::CERTAIN_LAMBDA;
 use super::outcome::{NextExperiment, Verdict};
 use super::prepare::Prepared;
 use super::problem::{Fit, Problem};
-use super::select::Selection;
+use super::select::{RivalFit, Selection};
 use menu::{Campaign, MenuItem, menu, sentinel_repeat};
 use separate::{View, separation_chi2};
 
@@ -30,48 +31,73 @@ const STEPS: usize = 3;
 /// What was recommended, as words and as runs.
 pub(super) type Recommended = (NextExperiment, Vec<PlannedRun>);
 
-/// Structures that the data leave open, and which of them are to be told apart: (truth, what is refitted to it).
+/// Structures that the data leave open, and which of them are to be told apart.
 struct Open<'a> {
     fits: Vec<(&'static str, &'a Fit)>,
-    pairs: Vec<(usize, usize)>,
+    pairs: Vec<Pair>,
+}
+
+/// A structure taken for the truth, one that is refitted to what it predicts, and the λ that settles it.
+struct Pair {
+    truth: usize,
+    other: usize,
+    enough: f64,
+}
+
+/// The pair that is farthest from being settled: its λ, and that as a part of what settles it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Tightest {
+    lambda: f64,
+    part: f64,
 }
 
 impl<'a> Open<'a> {
-    /// Each named effect against its closest rivals, else what was refused last among itself.
-    fn new(selection: &'a Selection) -> Self {
+    /// Each named effect against its closest rivals, and against nothing where it is too weak to be certain; without names what was refused last.
+    fn new(verdict: Verdict, base: &'a Fit, selection: &'a Selection) -> Self {
         let mut open = Self { fits: Vec::new(), pairs: Vec::new() };
         for taken in &selection.taken {
-            let mut rivals: Vec<_> = taken.rivals.iter().collect();
+            let named = open.add(taken.name, &selection.fit);
+            let mut rivals: Vec<&RivalFit> = taken.rivals.iter().collect();
             rivals.sort_by(|a, b| b.score_gap.total_cmp(&a.score_gap));
-            if rivals.is_empty() {
-                continue;
-            }
-            let first = open.fits.len();
-            open.fits.push((taken.name, &selection.fit));
             for rival in rivals.into_iter().take(MOST_RIVALS) {
-                open.both_ways(first, (rival.name, &rival.fit));
+                let other = open.add(rival.name, &rival.fit);
+                open.pairs.extend([(named, other), (other, named)].map(|(truth, other)| Pair { truth, other, enough: ENOUGH }));
+            }
+            let weak = selection.taken.len() == 1 && taken.evidence.lambda < CERTAIN_LAMBDA;
+            if verdict == Verdict::Ambiguous && weak {
+                let other = open.add("", base);
+                open.pairs.push(Pair { truth: named, other, enough: CERTAIN_LAMBDA });
             }
         }
-        if open.fits.is_empty() {
-            for attempt in &selection.refused_fits {
-                open.fits.push((attempt.name, &attempt.fit));
-            }
-            let n = open.fits.len();
-            open.pairs = (0..n * n).map(|ij| (ij / n, ij % n)).filter(|(i, j)| i != j).collect();
+        if open.pairs.is_empty() && verdict == Verdict::Unexplained {
+            open.refused(selection);
         }
         open
     }
 
-    /// Either may be the truth.
-    fn both_ways(&mut self, first: usize, rival: (&'static str, &'a Fit)) {
-        let other = self.fits.len();
-        self.fits.push(rival);
-        self.pairs.extend([(first, other), (other, first)]);
+    /// What was refused last, among itself; a single one against what was taken before it.
+    fn refused(&mut self, selection: &'a Selection) {
+        self.fits = selection.refused_fits.iter().map(|a| (a.name, &a.fit)).collect();
+        let n = self.fits.len();
+        if n == 1 {
+            let other = self.add("", &selection.fit);
+            self.pairs.push(Pair { truth: 0, other, enough: ENOUGH });
+            return;
+        }
+        let all = (0..n * n).map(|ij| (ij / n, ij % n)).filter(|(i, j)| i != j);
+        self.pairs = all.map(|(truth, other)| Pair { truth, other, enough: ENOUGH }).collect();
     }
 
+    fn add(&mut self, name: &'static str, fit: &'a Fit) -> usize {
+        self.fits.push((name, fit));
+        self.fits.len() - 1
+    }
+
+    /// Effects of the pairs.
     fn names(&self) -> Vec<&'static str> {
         let mut names: Vec<&'static str> = Vec::new();
-        for (name, _) in &self.fits {
+        let paired = |k: usize| self.pairs.iter().any(|p| p.truth == k || p.other == k);
+        for (_, (name, _)) in self.fits.iter().enumerate().filter(|(k, (name, _))| !name.is_empty() && paired(*k)) {
             if !names.contains(name) {
                 names.push(name);
             }
@@ -79,35 +105,34 @@ impl<'a> Open<'a> {
         names
     }
 
-    /// λ of the closest pair when `problem` is measured too, by so many steps of the refit.
-    fn closest_chi2(&self, problem: Option<&Problem>, steps: usize, desk: &mut Desk) -> f64 {
-        let views: Vec<View> = self.fits.iter().map(|(_, fit)| View::new(fit, problem, desk)).collect();
-        self.pairs
-            .iter()
-            .map(|(truth, other)| {
-                separation_chi2((self.fits[*truth].1, &views[*truth]), (self.fits[*other].1, &views[*other], problem), steps, desk)
-            })
-            .fold(f64::INFINITY, f64::min)
+    /// The tightest pair when planned runs are measured too, by so many steps of the refits.
+    fn tightest(&self, planned: Option<&Problem>, steps: usize, desk: &mut Desk) -> Tightest {
+        let views: Vec<View> = self.fits.iter().map(|(_, fit)| View::new(fit, planned, desk)).collect();
+        let mut tightest = Tightest { lambda: f64::INFINITY, part: f64::INFINITY };
+        for Pair { truth, other, enough } in &self.pairs {
+            let other = (self.fits[*other].1, &views[*other], planned);
+            let lambda = separation_chi2((self.fits[*truth].1, &views[*truth]), other, steps, desk);
+            if lambda / enough < tightest.part {
+                tightest = Tightest { lambda, part: lambda / enough };
+            }
+        }
+        tightest
     }
 }
 
 /// An item with what it would tell.
 struct Rated {
     item: MenuItem,
-    problem: Problem,
-    lambda: f64,
+    planned: Problem,
+    then: Tightest,
 }
 
 impl Rated {
-    /// Better first: what tells the pair apart, by λ per minute; among what does not, by λ.
+    /// Better first: what settles all pairs, by λ per minute; among what does not, by λ.
     fn order(&self, other: &Self) -> std::cmp::Ordering {
-        let (here, there) = (self.lambda >= ENOUGH, other.lambda >= ENOUGH);
-        let per_minute = |r: &Self| r.lambda / r.item.duration_min();
-        there.cmp(&here).then(if here && there {
-            per_minute(other).total_cmp(&per_minute(self))
-        } else {
-            other.lambda.total_cmp(&self.lambda)
-        })
+        let settles = |r: &Self| r.then.part >= 1.0;
+        let worth = |r: &Self| if settles(r) { r.then.part / r.item.duration_min() } else { r.then.part };
+        settles(other).cmp(&settles(self)).then(worth(other).total_cmp(&worth(self)))
     }
 }
 
@@ -115,45 +140,46 @@ impl Rated {
 pub(super) fn recommend(
     prepared: &Prepared,
     verdict: Verdict,
-    selection: &Selection,
+    (base, selection): (&Fit, &Selection),
     limits: Option<CurrentLimits>,
 ) -> Option<Recommended> {
     if !matches!(verdict, Verdict::Ambiguous | Verdict::Unexplained) {
         return None;
     }
     let campaign = Campaign::new(&prepared.problem, limits);
-    let open = Open::new(selection);
+    let open = Open::new(verdict, base, selection);
     if open.pairs.is_empty() {
         // No names to tell apart: what changed by itself shows when the first run is repeated.
-        return (verdict == Verdict::Unexplained).then(|| sentinel_repeat(&campaign)).flatten().map(|item| told(item, &open, (0.0, 0.0)));
+        let nothing = Tightest { lambda: 0.0, part: 0.0 };
+        return sentinel_repeat(&campaign).map(|item| told(item, &open, (nothing, nothing)));
     }
     let mut desk = Desk::default();
-    let now = open.closest_chi2(None, STEPS, &mut desk);
+    let now = open.tightest(None, 1, &mut desk);
     let mut rated: Vec<Rated> = menu(&campaign)
         .into_iter()
         .filter_map(|item| {
-            let problem = prepared.planned(&item.runs, &mut desk).ok()?;
-            let lambda = open.closest_chi2(Some(&problem), 1, &mut desk);
-            Some(Rated { item, problem, lambda })
+            let planned = prepared.planned(&item.runs, &mut desk).ok()?;
+            let then = open.tightest(Some(&planned), 1, &mut desk);
+            Some(Rated { item, planned, then })
         })
         .collect();
     rated.sort_by(Rated::order);
     rated.truncate(REFINED);
-    rated.iter_mut().for_each(|r| r.lambda = open.closest_chi2(Some(&r.problem), STEPS, &mut desk));
+    rated.iter_mut().for_each(|r| r.then = open.tightest(Some(&r.planned), STEPS, &mut desk));
     rated.sort_by(Rated::order);
-    let best = rated.into_iter().next().filter(|r| r.lambda >= now + LEAST_GROWTH)?;
-    Some(told(best.item, &open, (best.lambda, now)))
+    let best = rated.into_iter().next().filter(|r| r.then.lambda >= now.lambda + LEAST_GROWTH)?;
+    Some(told(best.item, &open, (best.then, now)))
 }
 
-fn told(item: MenuItem, open: &Open<'_>, (lambda, now): (f64, f64)) -> Recommended {
+fn told(item: MenuItem, open: &Open<'_>, (then, now): (Tightest, Tightest)) -> Recommended {
     let next = NextExperiment {
         name: item.name,
         duration_min: item.duration_min(),
         charge_ah: item.charge_ah(),
         description: item.description,
         separates: open.names(),
-        separation_sigma: lambda.sqrt(),
-        separation_now_sigma: now.sqrt(),
+        separation_sigma: then.lambda.sqrt(),
+        separation_now_sigma: now.lambda.sqrt(),
     };
     (next, item.runs)
 }

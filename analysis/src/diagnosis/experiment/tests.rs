@@ -3,16 +3,15 @@ use super::separate::{View, separation_chi2};
 use super::{CurrentLimits, Open, Planned, PlannedRun, recommend};
 use crate::diagnosis::block::Desk;
 use crate::diagnosis::data::{DataSet, Fixture, RunData};
-use crate::diagnosis::diagnose::{DiagnosisOptions, diagnose};
 use crate::diagnosis::gate::tests::sim::{Hidden, campaign, model};
 use crate::diagnosis::guards::Guards;
+use crate::diagnosis::outcome::Verdict;
 use crate::diagnosis::prepare::{Prepared, prepare};
 use crate::diagnosis::problem::Fit;
 use crate::diagnosis::propose::propose;
-use crate::diagnosis::select::Selection;
+use crate::diagnosis::select::{Search, Selection};
 use crate::diagnosis::structure::Structure;
-use crate::diagnosis::{Outcome, Verdict};
-use crate::effects::find;
+use crate::effects::{Effect, find};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
@@ -44,29 +43,37 @@ fn fitted(p: &Prepared, name: &str, desk: &mut Desk) -> Fit {
     p.problem.fit(&base.structure.with(proposal.member), &model().erm, desk)
 }
 
-fn diagnosed(set: &DataSet, names: &[&str]) -> Outcome {
-    let candidates = names.iter().map(|name| find(name).unwrap()).collect();
-    diagnose(set, &model(), &DiagnosisOptions { candidates, ..DiagnosisOptions::default() }).unwrap()
+fn selected(p: &Prepared, names: &[&str]) -> (Fit, Selection) {
+    let candidates: Vec<&'static dyn Effect> = names.iter().map(|name| find(name).unwrap()).collect();
+    let mut desk = Desk::default();
+    let base = p.problem.fit(&Structure::default(), &model().erm, &mut desk);
+    let selection = Search { problem: &p.problem, candidates: &candidates, guards: Guards::default(), desk }.run(&base);
+    (base, selection)
 }
 
 #[test]
 fn an_inductance_is_told_from_a_skew_by_a_shunt() {
-    let outcome = diagnosed(&cell_runs(inductive), &["inductance", "time_skew", "rc_slow"]);
-    let d = &outcome.diagnosis;
-    assert_eq!(d.verdict, Verdict::Ambiguous, "{}", d.summary);
-    let next = d.next_experiment.as_ref().unwrap();
+    let p = prepared(&cell_runs(inductive));
+    let (base, selection) = selected(&p, &["inductance", "time_skew", "rc_slow"]);
+    let (next, runs) = recommend(&p, Verdict::Ambiguous, (&base, &selection), None).unwrap();
     assert!(next.name.starts_with("shunt_sweep"), "{next:?}");
     let mut apart = next.separates.clone();
     apart.sort_unstable();
     assert_eq!(apart, ["inductance", "time_skew"]);
     assert!(next.separation_sigma > 40f64.sqrt() && next.separation_now_sigma < 3.0, "{next:?}");
     assert!(next.charge_ah == 0.0 && next.duration_min > 2.0, "{next:?}");
-    assert!(outcome.next_runs.iter().all(|run| matches!(run.fixture, Fixture::Shunt(_)) && run.order as usize == d_runs()));
+    let after = cell_runs(storage).runs.iter().map(|run| run.order).max().unwrap() + 1;
+    assert!(runs.iter().all(|run| matches!(run.fixture, Fixture::Shunt(_)) && run.order == after), "{runs:?}");
 }
 
-/// Runs of the simulated campaign up to the last of the cell.
-fn d_runs() -> usize {
-    cell_runs(storage).runs.iter().map(|run| run.order as usize).max().unwrap() + 1
+#[test]
+fn what_is_too_weak_to_be_certain_is_to_be_seen_better() {
+    let p = prepared(&cell_runs(inductive));
+    let (base, selection) = selected(&p, &["inductance"]);
+    assert!(selection.taken.len() == 1 && selection.taken[0].rivals.is_empty());
+    let (next, _) = recommend(&p, Verdict::Ambiguous, (&base, &selection), None).unwrap();
+    assert_eq!(next.separates, ["inductance"]);
+    assert!(next.separation_sigma > next.separation_now_sigma, "{next:?}");
 }
 
 #[test]
@@ -75,9 +82,9 @@ fn what_is_settled_needs_no_experiment() {
     let base = p.problem.fit(&Structure::default(), &model().erm, &mut Desk::default());
     let nothing = Selection::nothing(&base);
     for verdict in [Verdict::AtNoiseFloor, Verdict::Explained, Verdict::Invalid] {
-        assert!(recommend(&p, verdict, &nothing, None).is_none(), "{verdict:?}");
+        assert!(recommend(&p, verdict, (&base, &nothing), None).is_none(), "{verdict:?}");
     }
-    let (next, runs) = recommend(&p, Verdict::Unexplained, &nothing, None).unwrap();
+    let (next, runs) = recommend(&p, Verdict::Unexplained, (&base, &nothing), None).unwrap();
     assert_eq!((next.name, runs[0].repeat_group.as_str(), runs.len()), ("sentinel_repeat", "eis", 1));
     assert!(next.description.contains("run eis_0 once more"), "{}", next.description);
 }
@@ -192,5 +199,7 @@ fn a_planned_run_counts_its_repeats_and_samples_densely_after_edges() {
 fn nothing_refused_and_nothing_named_leaves_nothing_open() {
     let p = prepared(&cell_runs(storage));
     let base = p.problem.fit(&Structure::default(), &model().erm, &mut Desk::default());
-    assert!(Open::new(&Selection::nothing(&base)).pairs.is_empty());
+    for verdict in [Verdict::Ambiguous, Verdict::Unexplained] {
+        assert!(Open::new(verdict, &base, &Selection::nothing(&base)).pairs.is_empty());
+    }
 }

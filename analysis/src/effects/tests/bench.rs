@@ -61,7 +61,7 @@ fn play(added: &[Added<'_>], is_cell: bool) -> Vec<f64> {
     let (time_s, current_a) = samples();
     let grid = Grid::new(&time_s, Between::Hold);
     let mut voltage_v = Vec::new();
-    Player::default().play(&base(), added, &record((&time_s, &current_a), is_cell), (&grid, 1), &mut voltage_v);
+    Player::default().play((&base(), added), &record((&time_s, &current_a), is_cell), (&grid, 1), &mut voltage_v);
     voltage_v
 }
 
@@ -247,7 +247,7 @@ fn a_fast_clock_is_a_record_with_longer_seconds() {
     let met = play(&[Added { effect: effect("clock_error"), p: &p }], true);
     let true_s: Vec<f64> = time_s.iter().map(|t| 1.05 * t).collect();
     let mut expected = Vec::new();
-    Player::default().play(&base(), &[], &record((&true_s, &current_a), true), (&Grid::new(&true_s, Between::Hold), 1), &mut expected);
+    Player::default().play((&base(), &[]), &record((&true_s, &current_a), true), (&Grid::new(&true_s, Between::Hold), 1), &mut expected);
     for (a, b) in met.iter().zip(&expected) {
         assert!((a - b).abs() < 1e-12, "{a} V against {b} V");
     }

@@ -1,6 +1,7 @@
 //! A cell, its data's reach and records to play, for the tests of all effects.
 
 mod all;
+mod bench;
 mod cell;
 
 use super::{Base, Effect, Facts, Parameter, Point, Record};
@@ -75,7 +76,7 @@ impl Trace {
 /// The voltage of a record with one addition, or none.
 fn play(added: &[Added<'_>], record: &Record<'_>, between: Between, parts: usize) -> Vec<f64> {
     let mut voltage_v = Vec::new();
-    Player::default().play(&base(), added, record, (&Grid::new(record.time_s, between), parts), &mut voltage_v);
+    Player::default().play((&base(), added), record, (&Grid::new(record.time_s, between), parts), &mut voltage_v);
     voltage_v
 }
 
