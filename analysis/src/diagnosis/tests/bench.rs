@@ -92,9 +92,8 @@ pub(super) fn record(segments: &[(f64, f64)], spacing: f64, hidden: &Hidden, cha
         let mut since: f64 = 0.0;
         while t < end - 1e-9 {
             let soc = |moved_c: f64| START - (1.0 + hidden.slope) * moved_c / (3600.0 * CAPACITY_AH);
-            let factor = |moved_c: f64, heat_j: f64| {
-                spread * (1.0 + hidden.per_soc * (soc(moved_c) - START)) * (-hidden.heat_per_j * heat_j).exp()
-            };
+            let factor =
+                |moved_c: f64, heat_j: f64| spread * (1.0 + hidden.per_soc * (soc(moved_c) - START)) * (-hidden.heat_per_j * heat_j).exp();
             if chance.uniform() < 0.05 {
                 contact = hidden.telegraph_ohm - contact;
             }
