@@ -6,9 +6,9 @@ use crate::series::TimeSeries;
 use num_complex::Complex64;
 
 /// Time of a sweep per point: so many periods …
-const PERIODS: f64 = 2.0;
-/// … and so long, s.
-const POINT_S: f64 = 2.0;
+const PERIODS: f64 = 4.0;
+/// … and so long, in which the step from one frequency to the next dies away, s.
+const POINT_S: f64 = 20.0;
 /// Rest between repeats of a run at most, s.
 const BETWEEN_REPEATS_S: f64 = 600.0;
 /// Shortest and longest distance of samples in time, s.
