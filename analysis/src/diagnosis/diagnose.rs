@@ -135,8 +135,9 @@ fn moved_floor(prepared: &Prepared) -> Option<String> {
     if !prepared.prior.known {
         return None;
     }
-    let (k, z) = e.z.iter().enumerate().filter_map(|(k, z)| z.map(|z| (k, z))).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-    (z.abs() > SENTINEL_Z).then(|| format!("{} has left the bench's history by {z:.1} standard deviations", TERMS[k].1))
+    let (k, z) = e.z.iter().enumerate().filter_map(|(k, z)| z.map(|z| (k, z))).max_by(|a, b| a.1.total_cmp(&b.1))?;
+    // Quieter repeats than usual are chance or luck.
+    (z > SENTINEL_Z).then(|| format!("{} has left the bench's history by {z:.1} standard deviations", TERMS[k].1))
 }
 
 fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions) -> Search<'a> {

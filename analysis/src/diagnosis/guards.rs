@@ -55,6 +55,8 @@ pub(super) const HELD_OUT_PART: f64 = 0.1;
 pub(super) const HELD_OUT_SUM: f64 = 20.0;
 /// Standard deviations by which held-out runs may contradict the size of what an addition predicts for them.
 pub(super) const HELD_OUT_Z: f64 = 4.0;
+/// Part of that size that nature may differ from a catalogue's formula.
+pub(super) const HELD_OUT_SHARE: f64 = 0.03;
 /// Probability, corrected for the number of blocks, below which a block says that something is missing.
 pub(super) const LEAST_BLOCK_P: f64 = 1e-4;
 /// Times that the steps of a record may be halved to integrate well enough.

@@ -3,8 +3,8 @@
 use super::block::Desk;
 use super::data::Role;
 use super::guards::{
-    ALWAYS_FITTED, GOOD_FIT_Z, Guards, HELD_OUT_PART, HELD_OUT_SUM, HELD_OUT_Z, INTEGRATION_PART, LEAST_LAGRANGE, LEAST_LAMBDA,
-    LEAST_SCORE, MATERIAL_SHARE, MOST_EFFECTS, MOST_FITTED, MOST_PARTS, NAMING_LEAD, NEAR_BEST,
+    ALWAYS_FITTED, GOOD_FIT_Z, Guards, HELD_OUT_PART, HELD_OUT_SHARE, HELD_OUT_SUM, HELD_OUT_Z, INTEGRATION_PART, LEAST_LAGRANGE,
+    LEAST_LAMBDA, LEAST_SCORE, MATERIAL_SHARE, MOST_EFFECTS, MOST_FITTED, MOST_PARTS, NAMING_LEAD, NEAR_BEST,
 };
 use super::outcome::{Candidate, Evidence};
 use super::problem::{Fit, Problem, Tangent};
@@ -286,7 +286,9 @@ impl Search<'_> {
             })
             .collect();
         let spread: f64 = (0..n * n).map(|ij| along[ij / n] * along[ij % n] * covariance[ij]).sum();
-        dot(&u, &left) / (1.0 + spread.max(0.0)).sqrt()
+        let along = dot(&u, &left);
+        let beyond = (along.abs() - HELD_OUT_SHARE * size).max(0.0).copysign(along);
+        beyond / (1.0 + spread.max(0.0)).sqrt()
     }
 
     /// Largest change of any row by halving all steps, as a part of its noise.
