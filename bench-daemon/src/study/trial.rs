@@ -1,10 +1,14 @@
 //! One trial: hidden truth, data set, diagnosis, score.
 
-use analysis::diagnosis::{Block, Candidate, DiagnosisOptions, Gap, Outcome, Verdict, diagnose, yardstick};
+use analysis::diagnosis::{Block, Candidate, Gap, Outcome, Verdict, diagnose, yardstick};
 use fixtures::hidden::{Case, EffectKind, Spec, Stratum};
 use serde::Serialize;
 
-use super::{convert, names::catalogue_name, settle::settle};
+use super::{
+    convert,
+    names::catalogue_name,
+    settle::{options, settle},
+};
 
 /// How a trial ended, against the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -115,7 +119,7 @@ pub fn stratum_name(stratum: Stratum) -> &'static str {
 pub fn play(stratum: Stratum, spec: &Spec) -> anyhow::Result<Score> {
     let case = Case::new(spec);
     let set = convert::data_set(&case);
-    let (outcome, model) = match convert::model(&set, &case.base).and_then(|m| Ok((diagnose(&set, &m, &DiagnosisOptions::default())?, m))) {
+    let (outcome, model) = match convert::model(&set, &case.base).and_then(|m| Ok((diagnose(&set, &m, &options())?, m))) {
         Ok(done) => done,
         Err(e) if spec.corruption.is_some() => {
             tracing::debug!("refused: {e:#}");
