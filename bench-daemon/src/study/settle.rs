@@ -1,9 +1,17 @@
 //! Plays the recommended experiment of a diagnosis on the same hidden truth, and diagnoses again.
 
-use analysis::diagnosis::{BaseModel, DataSet, DiagnosisOptions, Fixture, Outcome, Planned, PlannedRun, diagnose};
+use analysis::diagnosis::{BaseModel, BenchLimits, DataSet, DiagnosisOptions, Fixture, Outcome, Planned, PlannedRun, diagnose};
 use fixtures::hidden::{self, PlanKind, RunPlan, Spec, Trace};
 
 use super::convert;
+
+/// What a user would state of the simulated bench: the currents of its campaign, and ten times its highest frequency.
+const LIMITS: BenchLimits = BenchLimits { discharge_a: 100.0, charge_a: 40.0, highest_hz: 3000.0 };
+
+/// The options of every diagnosis of the study.
+pub fn options() -> DiagnosisOptions {
+    DiagnosisOptions { limits: Some(LIMITS), ..DiagnosisOptions::default() }
+}
 
 /// The diagnosis with the recommended runs among the training runs; none where nothing was recommended.
 ///
@@ -17,7 +25,7 @@ pub fn settle(spec: &Spec, set: &DataSet, model: &BaseModel, outcome: &Outcome) 
     for run in &outcome.next_runs {
         more.runs.extend((0..run.repeat).map(|nth| convert::run(&hidden::follow_up(spec, &plan(run, nth)))));
     }
-    Ok(Some(diagnose(&more, model, &DiagnosisOptions::default())?))
+    Ok(Some(diagnose(&more, model, &options())?))
 }
 
 /// One repeat of a planned run, counted from 0, as the simulated bench is asked for it.

@@ -1,10 +1,14 @@
 //! One trial: hidden truth, data set, diagnosis, score.
 
-use analysis::diagnosis::{Block, Candidate, DiagnosisOptions, Gap, Outcome, Verdict, gate, yardstick};
+use analysis::diagnosis::{Block, Candidate, Gap, Outcome, Verdict, gate, yardstick};
 use fixtures::hidden::{Case, EffectKind, Spec, Stratum};
 use serde::Serialize;
 
-use super::{convert, names::catalogue_name, settle::settle};
+use super::{
+    convert,
+    names::catalogue_name,
+    settle::{options, settle},
+};
 
 /// How a trial ended, against the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -115,16 +119,15 @@ pub fn stratum_name(stratum: Stratum) -> &'static str {
 pub fn play(stratum: Stratum, spec: &Spec) -> anyhow::Result<Score> {
     let case = Case::new(spec);
     let set = convert::data_set(&case);
-    let (outcome, model) = match convert::model(&set, &case.base)
-        .and_then(|m| Ok((gate::diagnose_gated(&set, Vec::new(), &m, &DiagnosisOptions::default())?, m)))
-    {
-        Ok(done) => done,
-        Err(e) if spec.corruption.is_some() => {
-            tracing::debug!("refused: {e:#}");
-            return Ok(score(stratum, &case, None, (None, None)));
-        }
-        Err(e) => return Err(e),
-    };
+    let (outcome, model) =
+        match convert::model(&set, &case.base).and_then(|m| Ok((gate::diagnose_gated(&set, Vec::new(), &m, &options())?, m))) {
+            Ok(done) => done,
+            Err(e) if spec.corruption.is_some() => {
+                tracing::debug!("refused: {e:#}");
+                return Ok(score(stratum, &case, None, (None, None)));
+            }
+            Err(e) => return Err(e),
+        };
     let lambda = if spec.corruption.is_none() && !spec.hidden.is_empty() { strength(spec, &case).ok() } else { None };
     let closed = closed(&case, &set, &model, &outcome);
     let recommended = if outcome.diagnosis.verdict == Verdict::Ambiguous {

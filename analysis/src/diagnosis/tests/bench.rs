@@ -45,8 +45,8 @@ pub(super) struct Hidden {
     pub(super) heat_per_j: f64,
     /// A contact that comes and goes, Ω.
     pub(super) telegraph_ohm: f64,
-    /// A saw-tooth of the voltage over charge, V.
-    pub(super) saw_v: f64,
+    /// A ripple of the voltage over charge, V.
+    pub(super) ripple_v: f64,
 }
 
 /// OCV at a state of charge, V.
@@ -98,10 +98,10 @@ pub(super) fn record(segments: &[(f64, f64)], spacing: f64, hidden: &Hidden, cha
                 contact = hidden.telegraph_ohm - contact;
             }
             let loss_v = factor(moved_c, heat_j) * R0 * amps + contact * amps + v[0] + v[1];
-            let saw_v = hidden.saw_v * ((moved_c / 25.0).rem_euclid(1.0) - 0.5);
+            let ripple_v = hidden.ripple_v * (std::f64::consts::TAU * moved_c / 25.0).sin();
             s.time_s.push(t);
             s.current_a.push(gain * amps + zero);
-            s.voltage_v.push(ocv_v(soc(moved_c)) - loss_v + saw_v + level + HISTORY.voltage_noise_v * chance.normal());
+            s.voltage_v.push(ocv_v(soc(moved_c)) - loss_v + ripple_v + level + HISTORY.voltage_noise_v * chance.normal());
             // Whole multiples of 10 ms, so that edges fall on samples.
             let step = ((spacing * since).max(0.01) * 100.0).round() / 100.0;
             let step = step.min(end - t);
