@@ -3,6 +3,7 @@
 
 mod beside;
 mod dc;
+mod error;
 mod sine;
 mod trace;
 
@@ -16,80 +17,18 @@ use instruments::{
 };
 
 pub use beside::{Bend, Beside};
+pub use error::ExecuteError;
 pub use sine::SweepPoint;
 
 use crate::{
     bench::{Bench, BenchError},
     config::{self, Experiment},
-    interlock::{self, Limits, NO_CURRENT_A, Reading, Trip},
-    operator::{Operator, OperatorError},
+    interlock::{self, Limits, NO_CURRENT_A, Reading},
+    operator::Operator,
     plan::{Purpose, Stage, Step, fixture_name},
     progress::Progress,
-    record::{RecordError, Recorder},
+    record::Recorder,
 };
-
-/// What ends a stage early.
-#[derive(Debug, thiserror::Error)]
-pub enum ExecuteError {
-    /// An instrument.
-    #[error(transparent)]
-    Bench(#[from] BenchError),
-    /// The interlock.
-    #[error("interlock: {0}")]
-    Trip(#[from] Trip),
-    /// A file.
-    #[error(transparent)]
-    Record(#[from] RecordError),
-    /// The person at the bench.
-    #[error(transparent)]
-    Operator(#[from] OperatorError),
-    /// A step reached its upper bound.
-    #[error("{step}: not reached within {max_s:.0} s ({state})")]
-    Bound {
-        /// The step in words.
-        step: String,
-        /// The bound, s.
-        max_s: f64,
-        /// What was reached instead.
-        state: String,
-    },
-    /// The bench does something else than it was told to.
-    #[error("{what}: expected {expected}, measured {met}")]
-    Disobeyed {
-        /// What was commanded.
-        what: String,
-        /// What it should have done.
-        expected: String,
-        /// What it did.
-        met: String,
-    },
-    /// A control is asked for, and something with a voltage is in the jig.
-    #[error("{what}: expected nothing with a voltage in the jig, found {volts:.2} V: is the cell still in?")]
-    CellLeftIn {
-        /// What was about to be done.
-        what: String,
-        /// Voltage at the jig with every output off, V.
-        volts: f64,
-    },
-    /// A frame of a trace cannot be used.
-    #[error("trace {trace}, {frame}: {reason}")]
-    Frame {
-        /// Name of the trace.
-        trace: String,
-        /// The frame.
-        frame: String,
-        /// Why not.
-        reason: String,
-    },
-    /// A record cannot be analysed.
-    #[error("{freq_hz} Hz: {reason}")]
-    Signal {
-        /// Frequency, Hz.
-        freq_hz: f64,
-        /// Why not.
-        reason: String,
-    },
-}
 
 /// Seconds between two readings while current flows.
 const POLL_S: f64 = 1.0;
@@ -129,6 +68,8 @@ pub struct Executor<'a> {
     /// What the step in work may expose the cell to.
     envelope: Limits,
     polls: u32,
+    /// What was clamped into the jig last.
+    mounted: Option<Fixture>,
     /// Number of the sweep, 0 for a control.
     repeat: usize,
     /// Points that the scope's memory was last set to.
@@ -165,6 +106,7 @@ impl<'a> Executor<'a> {
             trigger_v: Volts(0.0),
             envelope: experiment.cell.limits,
             polls: 0,
+            mounted: None,
             repeat: 0,
             memory_points: None,
             zero: None,
@@ -211,6 +153,7 @@ impl<'a> Executor<'a> {
                     on_point(self.recorder, &point)?;
                     points.push(point);
                 }
+                Step::Pause { span_s } => self.pause(span_s).await?,
                 Step::Zero(ref trace) => self.zero(trace).await?,
                 Step::Trace(ref trace) => self.trace(trace).await?,
                 Step::PowerDown => self.power_down().await?,
@@ -237,7 +180,9 @@ impl<'a> Executor<'a> {
                 let (least_a, greatest_a) = trace.extremes_a();
                 self.envelope.bounded(drawn(greatest_a), drawn(-least_a))
             }
-            Step::Mount(_) | Step::Zero(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => cell.bounded(NO_CURRENT_A, NO_CURRENT_A),
+            Step::Mount(_) | Step::Pause { .. } | Step::Zero(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => {
+                cell.bounded(NO_CURRENT_A, NO_CURRENT_A)
+            }
         };
     }
 
@@ -259,10 +204,13 @@ impl<'a> Executor<'a> {
                 let mounted = jig.mount(fixture).await;
                 mounted.map_err(self.bench.error("jig"))?;
             }
+            // Whoever put it there need not be asked again.
+            (Some(config::Jig::Person), _) if self.mounted == Some(fixture) => {}
             (Some(config::Jig::Person), _) => self.operator.mount(fixture).await?,
             // Without a jig only the cell is ever asked for: it is what is in there.
             _ => {}
         }
+        self.mounted = Some(fixture);
         if fixture == Fixture::Short {
             self.refuse_a_cell("after mounting the short").await?;
         }

@@ -13,6 +13,7 @@ pub mod executor;
 pub mod fixture_check;
 pub mod interlock;
 pub mod logging;
+pub mod next_experiment;
 pub mod operator;
 pub mod plan;
 pub mod present;

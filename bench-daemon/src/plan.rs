@@ -101,6 +101,11 @@ pub enum Step {
         /// Shortest wait for the record, s.
         wait_s: f64,
     },
+    /// Nothing flows for a while.
+    Pause {
+        /// How long, s.
+        span_s: f64,
+    },
     /// Rest, then what scope and voltmeter show of the cell while nothing flows.
     Zero(Arc<TracePlan>),
     /// Steps of direct current are driven and recorded.
@@ -198,7 +203,7 @@ impl Step {
         };
         let needs_off = || if powered { Err("expected the bipolar supply to be down".to_owned()) } else { Ok(()) };
         match *self {
-            Self::Mount(_) | Self::HoldTemperature { .. } | Self::Zero(_) => needs_off()?,
+            Self::Mount(_) | Self::HoldTemperature { .. } | Self::Pause { .. } | Self::Zero(_) => needs_off()?,
             Self::Trace(ref trace) => {
                 if !powered {
                     return Err("expected the bipolar supply to be up".to_owned());
@@ -255,6 +260,7 @@ impl Step {
             Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } => 0.2 * max_s,
             Self::Rest { min_s, max_s, .. } => 0.5 * (min_s + max_s),
             Self::Sine { wait_s, .. } => wait_s + OVERHEAD_S,
+            Self::Pause { span_s } => span_s,
             Self::Zero(ref trace) => trace.rest_s + 2.0 * OVERHEAD_S,
             Self::Trace(ref trace) => trace.length_s() + OVERHEAD_S,
         }
@@ -268,6 +274,7 @@ impl Step {
                 max_s
             }
             Self::Sine { wait_s, .. } => (wait_s + 60.0) * (MAX_RANGING + 1) as f64,
+            Self::Pause { span_s } => span_s + 60.0,
             Self::Zero(ref trace) => trace.rest_s + 60.0,
             Self::Trace(ref trace) => trace.length_s() + 60.0,
         }
@@ -314,6 +321,7 @@ impl fmt::Display for Step {
             Self::Sine { index, freq_hz, amplitude_a, wait_s } => {
                 write!(f, "point {:>2}: {freq_hz:>10.4} Hz, {amplitude_a} A, wait {wait_s:.1} s", index + 1)
             }
+            Self::Pause { span_s } => write!(f, "rest {}", minutes(span_s)),
             Self::Zero(ref trace) => write!(f, "rest {}, then the zeros of the channels and the voltage at rest", minutes(trace.rest_s)),
             Self::Trace(ref trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();

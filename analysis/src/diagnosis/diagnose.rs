@@ -2,18 +2,19 @@
 
 use super::block::{DataSetError, Desk, Kind};
 use super::data::{DataSet, Role};
-use super::guards::{GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
+use super::experiment::{BenchLimits, PlannedRun, recommend};
+use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
 use super::localise::localise;
 use super::noise::{TERMS, Term};
 use super::outcome::{
-    Block, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, FittedParameter, Gap, NamedEffect, NoiseReport, NoiseTerm,
-    Quality, Rival, RunCurves, SpectrumGap, Verdict,
+    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, FittedParameter, Gap, NamedEffect, NoiseReport, NoiseTerm, Quality,
+    Rival, RunCurves, SpectrumGap, Verdict,
 };
 use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
 use super::select::{Search, Selection, excess_z};
 use super::structure::Structure;
-use crate::effects::{Effect, Scale, catalogue};
+use crate::effects::{Effect, Facts, Scale, catalogue};
 use crate::model::Erm;
 use num_complex::Complex64;
 
@@ -29,11 +30,13 @@ pub struct DiagnosisOptions {
     pub candidates: Vec<&'static dyn Effect>,
     /// Guards; all on unless told otherwise.
     pub guards: Guards,
+    /// How far a recommended run may go; as far as the data unless told otherwise.
+    pub limits: Option<BenchLimits>,
 }
 
 impl Default for DiagnosisOptions {
     fn default() -> Self {
-        Self { candidates: catalogue().to_vec(), guards: Guards::default() }
+        Self { candidates: catalogue().to_vec(), guards: Guards::default(), limits: None }
     }
 }
 
@@ -44,6 +47,10 @@ pub struct Outcome {
     pub diagnosis: Diagnosis,
     /// One entry per run.
     pub curves: Vec<RunCurves>,
+    /// What the data reach, which an augmented model file keeps; none for data that cannot be used.
+    pub facts: Option<Facts>,
+    /// The runs of [`Diagnosis::next_experiment`].
+    pub next_runs: Vec<PlannedRun>,
 }
 
 /// Diagnoses a data set against a model.
@@ -51,19 +58,23 @@ pub struct Outcome {
 /// # Errors
 /// [`DataSetError`] for a set or run that cannot be used at all.
 pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) -> Result<Outcome, DataSetError> {
-    let prepared = prepare(set, model, options.guards)?;
-    let problem = &prepared.problem;
+    let guards = options.guards;
+    let mut prepared = prepare(set, model, guards)?;
     let mut desk = Desk::default();
-    let base = base_fit(problem, &model.erm, &mut desk);
-    let before = localise(problem, &base, options.guards.tangent_projection, &mut desk);
-    let moved = if options.guards.sentinel { moved_floor(&prepared) } else { None };
-    let mut search = Search { problem, candidates: &options.candidates, guards: options.guards, desk: Desk::default() };
-    let selection = match moved {
-        Some(_) => Selection::nothing(&base),
-        None => search.run(&base),
-    };
-    let after = localise(problem, &selection.fit, options.guards.tangent_projection, &mut desk);
-    let quality = quality(&search, &base, &selection.fit);
+    let mut base = base_fit(&prepared.problem, &model.erm, &mut desk);
+    let mut selection = search(&prepared, options).run(&base);
+    let mut moved = if guards.sentinel { moved_floor(&prepared) } else { None };
+    if moved.is_some() {
+        // A missing effect can look like noise that moved: judge the repeats again by what is left of them.
+        prepared = prepared.again(&selection.fit, guards)?;
+        moved = moved_floor(&prepared);
+        base = base_fit(&prepared.problem, &model.erm, &mut desk);
+        selection = if moved.is_some() { Selection::nothing(&base) } else { search(&prepared, options).run(&base) };
+    }
+    let problem = &prepared.problem;
+    let before = localise(problem, &base, guards.tangent_projection, &mut desk);
+    let after = localise(problem, &selection.fit, guards.tangent_projection, &mut desk);
+    let quality = quality(problem, &base, &selection.fit);
     let mut d = Diagnosis {
         schema: DIAGNOSIS_SCHEMA,
         schema_version: DIAGNOSIS_SCHEMA_VERSION,
@@ -88,7 +99,13 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
     let held_out_z = held_out_z(problem, &selection.fit, &mut desk);
     judge(&mut d, &selection, (moved, held_out_z));
     let curves = curves(&prepared, &model.erm, (&base, &selection.fit), &mut desk);
-    Ok(Outcome { diagnosis: d, curves })
+    let next = recommend(&prepared, d.verdict, (&base, &selection), options.limits);
+    if next.is_none() && matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) {
+        d.notes.push("no run of the menu would tell apart what is open".to_owned());
+    }
+    let (next_experiment, next_runs) = next.unzip();
+    d.next_experiment = next_experiment;
+    Ok(Outcome { diagnosis: d, curves, facts: Some(prepared.problem.base.facts), next_runs: next_runs.unwrap_or_default() })
 }
 
 /// The base refitted to spectra and training records: from the model, and from other time constants where that does not reach the floor.
@@ -118,18 +135,23 @@ fn moved_floor(prepared: &Prepared) -> Option<String> {
     if !prepared.prior.known {
         return None;
     }
-    let (k, z) = e.z.iter().enumerate().filter_map(|(k, z)| z.map(|z| (k, z))).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-    (z.abs() > SENTINEL_Z).then(|| format!("{} has left the bench's history by {z:.1} standard deviations", TERMS[k].1))
+    let (k, z) = e.z.iter().enumerate().filter_map(|(k, z)| z.map(|z| (k, z))).max_by(|a, b| a.1.total_cmp(&b.1))?;
+    // Quieter repeats than usual are chance or luck.
+    (z > SENTINEL_Z).then(|| format!("{} has left the bench's history by {z:.1} standard deviations", TERMS[k].1))
 }
 
-fn quality(search: &Search<'_>, base: &Fit, after: &Fit) -> Quality {
-    let dof = search.degrees_of_freedom(base);
+fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions) -> Search<'a> {
+    Search { problem: &prepared.problem, candidates: &options.candidates, guards: options.guards, desk: Desk::default() }
+}
+
+fn quality(problem: &Problem, base: &Fit, after: &Fit) -> Quality {
+    let dof = problem.degrees_of_freedom(base);
     Quality {
         base_chi2: base.chi2,
         degrees_of_freedom: dof,
         base_z: excess_z(base.chi2, dof),
         augmented_chi2: after.chi2,
-        augmented_z: excess_z(after.chi2, search.degrees_of_freedom(after)),
+        augmented_z: excess_z(after.chi2, problem.degrees_of_freedom(after)),
     }
 }
 
@@ -174,11 +196,8 @@ fn named(problem: &Problem, selection: &Selection) -> Vec<NamedEffect> {
 }
 
 fn rivals(selection: &Selection) -> Vec<Rival> {
-    let of = |t: &super::select::Taken| {
-        let instead_of = t.name;
-        t.rivals.clone().into_iter().map(move |(name, score_gap, discriminability)| Rival { name, instead_of, score_gap, discriminability })
-    };
-    selection.taken.iter().flat_map(of).collect()
+    let taken = selection.taken.iter().flat_map(|t| t.rivals.iter().map(|r| (t.name, r)));
+    taken.map(|(instead_of, r)| Rival { name: r.name, instead_of, score_gap: r.score_gap, discriminability: r.discriminability }).collect()
 }
 
 /// (χ² − dof)/√(2·dof) of the held-out runs, in which nothing was fitted.
@@ -211,6 +230,10 @@ fn judge(d: &mut Diagnosis, selection: &Selection, (moved, held_out_z): (Option<
         }
         (true, true) => {
             (Verdict::Unexplained, "The residual is within the assumed noise; without repeats this is not a finding.".to_owned())
+        }
+        (true, false) if d.rivals.is_empty() && d.effects.iter().any(|e| e.evidence.lambda < CERTAIN_LAMBDA) => {
+            let text = "Missing: {} – but the signal is so weak that something outside the catalogue would look the same.";
+            (Verdict::Ambiguous, text.replace("{}", &names.join(", ")))
         }
         (true, false) if d.rivals.is_empty() => (Verdict::Explained, format!("Missing and now added: {}.", names.join(", "))),
         (true, false) => {
@@ -357,9 +380,4 @@ fn curves(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mu
             RunCurves { name: block.name.clone(), held_out: block.role == Role::HeldOut, curves }
         })
         .collect()
-}
-
-/// Blocks that noise alone would hardly make.
-pub fn significant(blocks: &[Block]) -> impl Iterator<Item = &Block> {
-    blocks.iter().filter(|b| b.p_value < 0.01)
 }

@@ -55,6 +55,8 @@ pub(super) const HELD_OUT_PART: f64 = 0.1;
 pub(super) const HELD_OUT_SUM: f64 = 20.0;
 /// Standard deviations by which held-out runs may contradict the size of what an addition predicts for them.
 pub(super) const HELD_OUT_Z: f64 = 4.0;
+/// Part of that size that nature may differ from a catalogue's formula.
+pub(super) const HELD_OUT_SHARE: f64 = 0.03;
 /// Probability, corrected for the number of blocks, below which a block says that something is missing.
 pub(super) const LEAST_BLOCK_P: f64 = 1e-4;
 /// Times that the steps of a record may be halved to integrate well enough.
@@ -63,7 +65,10 @@ pub(super) const MOST_PARTS: usize = 8;
 pub(super) const SENTINEL_Z: f64 = 5.0;
 /// Error of integration as a part of the floor.
 pub(super) const INTEGRATION_PART: f64 = 0.1;
-/// Strength over its standard uncertainty: the 95 % interval leaves zero out.
-pub(super) const LEAST_DEVIATES: f64 = 1.96;
+/// χ² that leaving an addition out must cost: its 95 % interval, by the likelihood, leaves zero out.
+pub(super) const LEAST_LAMBDA: f64 = 3.84;
+/// λ below which a name is never certain: something outside the catalogue that shares 70 % of an effect's signal would leave less than 5 standard
+/// deviations.
+pub(super) const CERTAIN_LAMBDA: f64 = 150.0;
 /// Effects added at most.
 pub(super) const MOST_EFFECTS: usize = 3;

@@ -1,10 +1,12 @@
 //! The discrepancy workflow: where do simulation and measurement disagree, what is missing, does adding it close the gap.
 
+mod additions;
 mod block;
 mod data;
 mod diagnose;
 mod distinguish;
 mod edges;
+mod experiment;
 pub mod gate;
 mod guards;
 mod localise;
@@ -21,11 +23,15 @@ pub mod yardstick;
 
 pub use block::DataSetError;
 pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
-pub use diagnose::{DiagnosisOptions, Outcome, diagnose, significant};
+pub use diagnose::{DiagnosisOptions, Outcome, diagnose};
 pub use distinguish::distinguish;
+pub use experiment::{BenchLimits, Planned, PlannedRun};
 pub use guards::Guards;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence, FittedParameter, Gap, NamedEffect,
     NextExperiment, NoiseReport, NoiseTerm, Quality, Rival, RunCurves, SpectrumGap, Verdict,
 };
 pub use prepare::BaseModel;
+
+#[cfg(test)]
+mod tests;

@@ -1,12 +1,13 @@
 //! From a data set and a model to a problem: facts, blocks, noise.
 
-use super::block::{Block, DataSetError, Desk};
+use super::block::{Block, DataSetError, Desk, Kind};
 use super::data::{DataSet, Fixture, Role, RunData, Start};
+use super::experiment::PlannedRun;
 use super::guards::Guards;
 use super::noise::{Estimate, Prior, Shape, Term, estimate};
-use super::problem::Problem;
+use super::problem::{Fit, Problem};
 use super::whitening::Whitener;
-use crate::augmented::network;
+use crate::augmented::{Between, network};
 use crate::effects::{Base, Facts};
 use crate::model::Erm;
 use crate::ocv::OcvCurve;
@@ -79,6 +80,26 @@ fn weigh(blocks: &[Block], shapes: &[Shape], estimate: &Estimate) -> Result<(Vec
 }
 
 impl Prepared {
+    /// The noise found anew from what a fit leaves: an effect that the base lacks makes repeats with slightly different currents differ.
+    pub(super) fn again(mut self, fit: &Fit, guards: Guards) -> Result<Self, DataSetError> {
+        let mut desk = Desk::default();
+        let problem = &mut self.problem;
+        let mut shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
+        if !guards.current_channel_noise {
+            shapes.iter_mut().for_each(Shape::forget_current_channel);
+        }
+        let residuals: Vec<Vec<f64>> = (0..problem.blocks.len())
+            .map(|k| {
+                let rows = problem.predict((&fit.structure, &fit.x), k, 1, &mut desk);
+                problem.blocks[k].measured.iter().zip(rows).map(|(m, p)| m - p).collect()
+            })
+            .collect();
+        self.estimate = estimate(&problem.blocks, &shapes, &residuals, &self.prior);
+        (problem.whiteners, problem.floors) = weigh(&problem.blocks, &shapes, &self.estimate)?;
+        self.sample_noise_v = self.estimate.log_sigmas[Term::White as usize].exp();
+        Ok(self)
+    }
+
     /// The same problem with other measurements of the same campaign, under the noise found.
     pub(super) fn with_runs(mut self, set: &DataSet) -> Result<Self, DataSetError> {
         let problem = &mut self.problem;
@@ -88,6 +109,24 @@ impl Prepared {
         let shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
         (problem.whiteners, problem.floors) = weigh(&problem.blocks, &shapes, &self.estimate)?;
         Ok(self)
+    }
+
+    /// The problem of runs that are yet to be measured, under the noise found. Repeats make the noise of a run that much smaller.
+    pub(super) fn planned(&self, runs: &[PlannedRun], desk: &mut Desk) -> Result<Problem, DataSetError> {
+        let base = &self.problem.base;
+        let linear = self.problem.blocks.iter().any(|b| matches!(&b.kind, Kind::Time(t) if t.linear));
+        let between = if linear { Between::Linear } else { Between::Hold };
+        let mut planned = Problem { base: base.clone(), blocks: Vec::new(), whiteners: Vec::new(), floors: Vec::new() };
+        for run in runs {
+            let block = Block::new(&run.unmeasured(between), base)?;
+            let mut covariance = Shape::new(&block, base, &self.prior, desk).covariance(&self.estimate.log_sigmas);
+            covariance.iter_mut().for_each(|c| *c /= run.repeat as f64);
+            let singular =
+                DataSetError::Run { run: run.name.clone(), expected: "noise that is not zero", met: "a singular covariance".to_owned() };
+            planned.whiteners.push(Whitener::new(covariance, block.rows()).ok_or(singular)?);
+            planned.blocks.push(block);
+        }
+        Ok(planned)
     }
 }
 

@@ -50,6 +50,11 @@ impl Problem {
         self.of_role(Role::Train).map(|k| self.blocks[k].rows()).sum()
     }
 
+    /// Training rows less parameters.
+    pub(super) fn degrees_of_freedom(&self, fit: &Fit) -> f64 {
+        self.training_rows() as f64 - fit.x.len() as f64
+    }
+
     pub(super) fn of_role(&self, role: Role) -> impl Iterator<Item = usize> {
         self.blocks.iter().enumerate().filter(move |(_, b)| b.role == role).map(|(k, _)| k)
     }
@@ -131,7 +136,8 @@ impl Problem {
         rows
     }
 
-    fn columns(&self, structure: &Structure, (x, axes): (&[f64], &[Axis]), predicted: &[f64], desk: &mut Desk) -> Vec<Vec<f64>> {
+    /// Derivatives of the whitened prediction of the training rows.
+    pub(super) fn columns(&self, structure: &Structure, (x, axes): (&[f64], &[Axis]), predicted: &[f64], desk: &mut Desk) -> Vec<Vec<f64>> {
         (0..x.len())
             .map(|k| {
                 // One-sided steps go inwards.
@@ -189,7 +195,7 @@ impl Problem {
 }
 
 /// A damped Gauss–Newton step of the coordinates that no bound holds, and the decrease of χ² that it promises.
-fn step(columns: &[Vec<f64>], residuals: &[f64], (x, axes): (&[f64], &[Axis]), damping: f64) -> Option<(Vec<f64>, f64)> {
+pub(super) fn step(columns: &[Vec<f64>], residuals: &[f64], (x, axes): (&[f64], &[Axis]), damping: f64) -> Option<(Vec<f64>, f64)> {
     let gradient: Vec<f64> = columns.iter().map(|c| dot(c, residuals)).collect();
     let held = |k: usize| {
         let tiny = 1e-12 * (1.0 + x[k].abs());
@@ -242,6 +248,11 @@ impl Fit {
     pub(super) fn member_at_bound(&self, member: usize, branches: usize) -> bool {
         let first = self.structure.first(member, branches);
         (first..first + self.structure.members[member].free()).any(|k| at_bound(self.x[k], &self.axes[k]))
+    }
+
+    /// Another fit's structure at the coordinates that this one, which has one effect more, gives to it.
+    pub(super) fn base_of(&self, other: &Self) -> Self {
+        Self { x: self.x[..other.x.len()].to_vec(), ..other.clone() }
     }
 
     /// An orthonormal basis of the tangent space.

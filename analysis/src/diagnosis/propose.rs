@@ -9,8 +9,8 @@ use super::structure::{Member, Structure, variants};
 use super::whitening::dot;
 use crate::effects::Effect;
 
-/// Step of a strength in units of its typical size.
-const STEP: f64 = 2e-2;
+/// Steps of a strength in units of its typical size: a small one for what is linear, a large one for what shows in second order only.
+const STEPS: [f64; 2] = [0.3, 8.0];
 
 /// One way of adding an effect.
 #[derive(Debug, Clone)]
@@ -27,34 +27,35 @@ pub(super) fn propose(problem: &Problem, fit: &Fit, tangent: &Tangent, effect: &
     // Bounds come from the base fit before any effect was added, so that they do not move with what is added.
     for mut member in variants(effect, &problem.base) {
         let structure = fit.structure.with(member.clone());
-        let Some(direction) = direction(problem, fit, &structure, desk) else { continue };
-        let mut outside = direction;
-        tangent.project(&mut outside);
-        let (along, size) = (dot(&fit.residuals, &outside), dot(&outside, &outside));
-        let range = member.parameters[0].range;
-        let typical = member.parameters[0].typical;
-        let wanted = if size > 1e-20 { along / size * typical } else { 0.0 };
-        let strength = wanted.clamp(range.lower, range.upper);
-        if strength == 0.0 {
-            proposals.push(Proposal { member, lagrange: 0.0 });
-            continue;
+        let (range, typical) = (member.parameters[0].range, member.parameters[0].typical);
+        let mut best = 0.0;
+        for step in STEPS {
+            let Some(mut outside) = direction(problem, fit, (&structure, step), desk) else { continue };
+            tangent.project(&mut outside);
+            let (along, size) = (dot(&fit.residuals, &outside), dot(&outside, &outside));
+            let wanted = if size > 1e-20 { along / size * typical } else { 0.0 };
+            let strength = wanted.clamp(range.lower, range.upper);
+            let lagrange = if size > 1e-20 { along * along / size } else { 0.0 };
+            if strength != 0.0 && lagrange > best {
+                best = lagrange;
+                member.start[0] = strength;
+            }
         }
-        member.start[0] = strength;
-        proposals.push(Proposal { member, lagrange: along * along / size });
+        proposals.push(Proposal { member, lagrange: best });
     }
     proposals.sort_by(|a, b| b.lagrange.total_cmp(&a.lagrange));
     proposals
 }
 
-/// Derivative of the whitened prediction by the strength of the last member, at absence.
-pub(super) fn direction(problem: &Problem, fit: &Fit, structure: &Structure, desk: &mut Desk) -> Option<Vec<f64>> {
+/// Change of the whitened prediction per typical strength of the last member, from its absence over a step in that unit.
+pub(super) fn direction(problem: &Problem, fit: &Fit, (structure, step): (&Structure, f64), desk: &mut Desk) -> Option<Vec<f64>> {
     let last = structure.members.len().checked_sub(1)?;
     let axes = structure.axes(&problem.base.erm);
     let mut x = fit.x.clone();
     x.extend(structure.members[last].encode());
     let first = structure.first(last, problem.branches());
     x[first] = 0.0;
-    let step = if axes[first].upper >= STEP { STEP } else { -STEP };
+    let step = if axes[first].upper > 0.0 { step.min(0.5 * axes[first].upper) } else { (-step).max(0.5 * axes[first].lower) };
     let predicted = problem.prediction(fit);
     let mut change = problem.change(structure, (&x, &predicted), &[(first, step)], desk);
     change.iter_mut().for_each(|c| *c /= step);

@@ -3,14 +3,20 @@
 use super::block::Desk;
 use super::data::Role;
 use super::guards::{
-    ALWAYS_FITTED, GOOD_FIT_Z, Guards, HELD_OUT_PART, HELD_OUT_SUM, HELD_OUT_Z, INTEGRATION_PART, LEAST_DEVIATES, LEAST_LAGRANGE,
-    LEAST_SCORE, MATERIAL_SHARE, MOST_EFFECTS, MOST_FITTED, MOST_PARTS, NAMING_LEAD, NEAR_BEST,
+    ALWAYS_FITTED, GOOD_FIT_Z, Guards, HELD_OUT_PART, HELD_OUT_SHARE, HELD_OUT_SUM, HELD_OUT_Z, INTEGRATION_PART, LEAST_LAGRANGE,
+    LEAST_LAMBDA, LEAST_SCORE, MATERIAL_SHARE, MOST_EFFECTS, MOST_FITTED, MOST_PARTS, NAMING_LEAD, NEAR_BEST,
 };
 use super::outcome::{Candidate, Evidence};
 use super::problem::{Fit, Problem, Tangent};
 use super::propose::{Proposal, propose};
+use super::structure::Member;
 use super::whitening::dot;
 use crate::effects::Effect;
+
+/// Refused additions that are kept.
+const MOST_REFUSED: usize = 3;
+/// χ² that a shape at its bound must gain over a held one to be believed.
+const DRIFT: f64 = 12.0;
 
 /// A fitted addition.
 #[derive(Debug, Clone)]
@@ -26,7 +32,16 @@ pub(super) struct Attempt {
 pub(super) struct Taken {
     pub(super) name: &'static str,
     pub(super) evidence: Evidence,
-    pub(super) rivals: Vec<(&'static str, f64, f64)>,
+    pub(super) rivals: Vec<RivalFit>,
+}
+
+/// What would do as well in the place of an effect that was taken.
+#[derive(Debug, Clone)]
+pub(super) struct RivalFit {
+    pub(super) name: &'static str,
+    pub(super) score_gap: f64,
+    pub(super) discriminability: f64,
+    pub(super) fit: Fit,
 }
 
 /// How the search ended.
@@ -38,12 +53,14 @@ pub(super) struct Selection {
     pub(super) ranking: Vec<Candidate>,
     /// The best addition that was refused in the last round, with the reason.
     pub(super) refused: Option<(&'static str, f64, String)>,
+    /// The best that were refused in the last round.
+    pub(super) refused_fits: Vec<Attempt>,
 }
 
 impl Selection {
     /// Nothing was looked for.
     pub(super) fn nothing(base: &Fit) -> Self {
-        Self { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None }
+        Self { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None, refused_fits: Vec::new() }
     }
 }
 
@@ -61,18 +78,16 @@ pub(super) fn excess_z(chi2: f64, dof: f64) -> f64 {
 }
 
 impl Search<'_> {
-    pub(super) fn degrees_of_freedom(&self, fit: &Fit) -> f64 {
-        self.problem.training_rows() as f64 - fit.x.len() as f64
-    }
-
     /// Adds and prunes, from the base's fit.
     pub(super) fn run(&mut self, base: &Fit) -> Selection {
-        let mut selection = Selection { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None };
+        let mut selection =
+            Selection { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None, refused_fits: Vec::new() };
         while selection.taken.len() < MOST_EFFECTS {
             let (attempts, ranking) = self.attempts(&selection.fit, None);
             let first = selection.taken.is_empty();
             let mut ranking = ranking;
             selection.refused = None;
+            selection.refused_fits.clear();
             let mut accepted = None;
             for attempt in attempts {
                 let attempt = self.integrated(&selection.fit, attempt);
@@ -86,6 +101,9 @@ impl Search<'_> {
                             selection.refused = Some((attempt.name, attempt.score, reason.clone()));
                         }
                         note(&mut ranking, attempt.name, reason);
+                        if attempt.score >= LEAST_SCORE && selection.refused_fits.len() < MOST_REFUSED {
+                            selection.refused_fits.push(attempt);
+                        }
                     }
                 }
             }
@@ -103,6 +121,7 @@ impl Search<'_> {
         }
         self.prune(base, &mut selection);
         self.find_rivals(&mut selection);
+        self.free_shapes(&mut selection);
         selection
     }
 
@@ -144,25 +163,39 @@ impl Search<'_> {
         (attempts, ranking)
     }
 
-    /// The best fit of one candidate over its two most promising starts.
+    /// The best fit of one candidate: over its two most promising starts with the shapes held there, and from the better one with the shapes free.
+    /// What the shapes gain must be worth their number.
     fn attempt(&mut self, fit: &Fit, proposals: &[Proposal]) -> Attempt {
-        let mut best: Option<Fit> = None;
-        for proposal in proposals.iter().take(2) {
-            let structure = fit.structure.with(proposal.member.clone());
-            let axes = structure.axes(&self.problem.base.erm);
-            let mut x = fit.x.clone();
-            x.extend(proposal.member.encode());
-            x.iter_mut().zip(&axes).for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
-            let found = self.problem.fit_from(&structure, x, axes, &mut self.desk);
-            if best.as_ref().is_none_or(|b| found.chi2 < b.chi2) {
-                best = Some(found);
-            }
+        let held: Vec<Attempt> = proposals.iter().take(2).map(|p| self.try_member(fit, &p.member.frozen())).collect();
+        let best = usize::from(held.len() > 1 && held[1].score > held[0].score);
+        let (member, held) = (&proposals[best].member, held[best].clone());
+        if member.frozen().free() == member.free() {
+            return held;
         }
-        let best = best.unwrap_or_else(|| fit.clone());
-        let lambda = fit.chi2 - best.chi2;
-        let member = &proposals[0].member;
-        let score = lambda - self.penalty(member.free(), member.choices());
-        Attempt { name: proposals[0].member.name(), fit: best, lambda, score }
+        let strength = held.fit.decode(self.problem.branches()).1.pop().and_then(|v| v.first().copied()).unwrap_or(member.start[0]);
+        let mut start = member.start.clone();
+        start[0] = strength;
+        let free = self.try_member(&held.fit.base_of(fit), &member.from(&start));
+        let free = Attempt {
+            lambda: fit.chi2 - free.fit.chi2,
+            score: fit.chi2 - free.fit.chi2 - self.penalty(member.free(), member.choices()),
+            ..free
+        };
+        let bound = self.guards.bound && free.fit.member_at_bound(free.fit.structure.members.len() - 1, self.problem.branches());
+        // Shapes that the data do not fix drift to a bound: they say nothing then.
+        let drifted = bound && free.lambda < held.lambda + DRIFT;
+        if drifted || held.score >= free.score { held } else { free }
+    }
+
+    fn try_member(&mut self, fit: &Fit, member: &Member) -> Attempt {
+        let structure = fit.structure.with(member.clone());
+        let axes = structure.axes(&self.problem.base.erm);
+        let mut x = fit.x.clone();
+        x.extend(member.encode());
+        x.iter_mut().zip(&axes).for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+        let found = self.problem.fit_from(&structure, x, axes, &mut self.desk);
+        let lambda = fit.chi2 - found.chi2;
+        Attempt { name: member.name(), score: lambda - self.penalty(member.free(), member.choices()), lambda, fit: found }
     }
 
     /// What parameters and choices cost: k·ln N, and twice the logarithm of the number of choices.
@@ -188,8 +221,8 @@ impl Search<'_> {
 
     /// Everything that must speak for an addition; the reason where something does not.
     fn accept(&mut self, before: &Fit, attempt: &Attempt) -> Result<Evidence, String> {
-        let dof = self.degrees_of_freedom(before);
-        let (excess, left) = (before.chi2 - dof, excess_z(attempt.fit.chi2, self.degrees_of_freedom(&attempt.fit)));
+        let dof = self.problem.degrees_of_freedom(before);
+        let (excess, left) = (before.chi2 - dof, excess_z(attempt.fit.chi2, self.problem.degrees_of_freedom(&attempt.fit)));
         let share = if excess > 0.0 { (attempt.lambda / excess).min(1.0) } else { 1.0 };
         if attempt.score < LEAST_SCORE {
             return Err(format!("penalised gain {:.1}: expected at least {LEAST_SCORE}", attempt.score));
@@ -201,10 +234,7 @@ impl Search<'_> {
         if self.guards.bound && attempt.fit.member_at_bound(member, self.problem.branches()) {
             return Err("a parameter lies at its bound".to_owned());
         }
-        let first = attempt.fit.structure.first(member, self.problem.branches());
-        let n = attempt.fit.x.len();
-        let deviates = attempt.fit.covariance().map(|c| attempt.fit.x[first].abs() / c[first * n + first].sqrt());
-        if deviates.is_none_or(|d| d < LEAST_DEVIATES) {
+        if attempt.lambda < LEAST_LAMBDA {
             return Err("its interval does not leave zero out".to_owned());
         }
         let held_out_change = self.held_out(before, &attempt.fit)?;
@@ -256,7 +286,9 @@ impl Search<'_> {
             })
             .collect();
         let spread: f64 = (0..n * n).map(|ij| along[ij / n] * along[ij % n] * covariance[ij]).sum();
-        dot(&u, &left) / (1.0 + spread.max(0.0)).sqrt()
+        let along = dot(&u, &left);
+        let beyond = (along.abs() - HELD_OUT_SHARE * size).max(0.0).copysign(along);
+        beyond / (1.0 + spread.max(0.0)).sqrt()
     }
 
     /// Largest change of any row by halving all steps, as a part of its noise.
@@ -303,6 +335,27 @@ impl Search<'_> {
         if stay.chi2 <= fresh.chi2 { stay } else { fresh }
     }
 
+    /// Lets shapes go that were held while effects were chosen, so that intervals know of them; as they are where that drives one to a bound.
+    fn free_shapes(&mut self, selection: &mut Selection) {
+        let branches = self.problem.branches();
+        for k in 0..selection.taken.len() {
+            let (erm, values) = selection.fit.decode(branches);
+            let mut structure = selection.fit.structure.clone();
+            for (member, value) in structure.members.iter_mut().zip(&values) {
+                member.start.clone_from(value);
+            }
+            let own = structure.members[k].effect.parameters(&self.problem.base);
+            if structure.members[k].parameters == own {
+                continue;
+            }
+            structure.members[k].parameters = own;
+            let free = self.problem.fit(&structure, &erm, &mut self.desk);
+            if !free.member_at_bound(k, branches) && free.chi2 <= selection.fit.chi2 + 1.0 {
+                selection.fit = free;
+            }
+        }
+    }
+
     /// For every effect taken, those that would do as well in its place.
     fn find_rivals(&mut self, selection: &mut Selection) {
         let names: Vec<&'static str> = selection.taken.iter().map(|t| t.name).collect();
@@ -322,7 +375,7 @@ impl Search<'_> {
                     continue;
                 }
                 let distinct = self.discriminability(&selection.fit, &without, &other.fit);
-                selection.taken[k].rivals.push((other.name, gap, distinct));
+                selection.taken[k].rivals.push(RivalFit { name: other.name, score_gap: gap, discriminability: distinct, fit: other.fit });
             }
         }
     }

@@ -36,6 +36,23 @@ impl Member {
         self.effect.card().name
     }
 
+    /// The same with all shapes held where they start.
+    pub(super) fn frozen(&self) -> Self {
+        let mut held = self.clone();
+        held.choice = self.start.clone();
+        for (p, start) in held.parameters.iter_mut().zip(&self.start).skip(1) {
+            if p.scale == Scale::Log {
+                (p.scale, p.starts) = (Scale::Choice, vec![*start]);
+            }
+        }
+        held
+    }
+
+    /// The same with other starts.
+    pub(super) fn from(&self, start: &[f64]) -> Self {
+        Self { start: start.to_vec(), ..self.clone() }
+    }
+
     /// Coordinates of its starts.
     pub(super) fn encode(&self) -> Vec<f64> {
         let coordinate = |p: &Parameter, v: f64| match p.scale {

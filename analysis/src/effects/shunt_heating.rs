@@ -38,9 +38,9 @@ impl Effect for ShuntHeating {
 
     fn current(&self, p: &[f64], record: &Record<'_>, current_a: &mut [f64]) {
         let mut warmth_a2 = 0.0;
-        for (k, flowed_a) in current_a.iter_mut().enumerate() {
-            let logged_a = *flowed_a;
-            *flowed_a *= 1.0 - p[0] * warmth_a2;
+        for (k, i) in current_a.iter_mut().enumerate() {
+            let logged_a = *i;
+            *i *= 1.0 - p[0] * warmth_a2;
             let Some(next_s) = record.time_s.get(k + 1) else { break };
             let decay = (-(next_s - record.time_s[k]) / p[1]).exp();
             warmth_a2 = decay * warmth_a2 + (1.0 - decay) * logged_a * logged_a;

@@ -2,12 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use analysis::diagnosis::{BaseModel, Diagnosis, DiagnosisOptions, Outcome, Verdict, gate};
+use analysis::{
+    diagnosis::{BaseModel, DiagnosisOptions, Outcome, gate, report},
+    fit::ModelFile,
+};
 
 use super::{Failure, files};
 use crate::{
     dataset::{Loaded, read_dataset},
-    present::significant,
     terminal::say,
 };
 
@@ -23,7 +25,7 @@ pub struct DiagnoseArgs {
     /// The OCV curve, as `ocv --out` writes it (`ocv.json`), where the model file holds none or another is wanted.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
-    /// Write `diagnosis.json` into this folder.
+    /// Write `diagnosis.json`, `diagnosis.md` with its pictures and, where effects were added, `model_augmented.json` into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print JSON.
@@ -36,78 +38,74 @@ pub struct DiagnoseArgs {
 /// # Errors
 /// A file or an argument that is not as expected; a folder that cannot be written. Any verdict, `invalid` too, is a result and no error.
 pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
-    let model = base_model(args)?;
-    let loaded = read_dataset(&args.data)?;
-    let outcome = judge(&loaded, &model)?;
-    let json = || serde_json::to_string_pretty(&outcome.diagnosis).map_err(|error| Failure::Analysis(error.to_string()));
+    let judged = Judged::read(&args.data, &args.model, args.ocv.as_deref())?;
+    let outcome = judged.diagnose()?;
     if let Some(folder) = &args.out {
-        write(folder, &(json()? + "\n"))?;
+        write(folder, &outcome, &judged)?;
     }
     if args.json {
-        say!("{}", json()?);
+        say!("{}", json(&outcome)?);
         return Ok(());
     }
-    print(&outcome.diagnosis);
+    say!("{}", report::text(&outcome.diagnosis));
     if let Some(folder) = &args.out {
         say!("written to {}", folder.display());
     }
     Ok(())
 }
 
-/// The diagnosis of what could be read; what could not makes the data invalid.
-fn judge(loaded: &Loaded, model: &BaseModel) -> Result<Outcome, Failure> {
-    let unreadable = loaded.problems.iter().map(|problem| gate::Reason::unreadable(&problem.run, &problem.text)).collect();
-    let mut outcome = gate::diagnose_gated(&loaded.set, unreadable, model, &DiagnosisOptions::default())
-        .map_err(|error| Failure::Usage(error.to_string()))?;
-    outcome.diagnosis.notes.extend(loaded.notes.iter().cloned());
-    Ok(outcome)
+fn json(outcome: &Outcome) -> Result<String, Failure> {
+    serde_json::to_string_pretty(&outcome.diagnosis).map_err(|error| Failure::Analysis(error.to_string()))
 }
 
-fn base_model(args: &DiagnoseArgs) -> Result<BaseModel, Failure> {
-    let file = files::read_model(&args.model)?;
-    let given = args.ocv.as_deref().map(files::read_curve).transpose()?;
-    let ocv = given.or(file.ocv).ok_or_else(|| {
-        Failure::Usage(format!("--model {}: expected an OCV curve in it, found none; give one with --ocv", args.model.display()))
-    })?;
-    Ok(BaseModel { name: file.name, erm: file.fit.erm, ocv })
+/// A data set and the model that it judges.
+pub(super) struct Judged {
+    pub(super) loaded: Loaded,
+    pub(super) model: BaseModel,
+    file: ModelFile,
 }
 
-fn write(folder: &Path, json: &str) -> Result<(), Failure> {
-    files::make_folder(folder)?;
-    files::write_text(folder, "diagnosis.json", json)
-}
-
-fn print(diagnosis: &Diagnosis) {
-    say!("{} against {}: {}", diagnosis.data_set, diagnosis.model, word(diagnosis.verdict));
-    say!("  {}", diagnosis.summary);
-    for effect in &diagnosis.effects {
-        say!("  {} ({}):", effect.title, effect.name);
-        for p in &effect.parameters {
-            let sigma = p.sigma.map_or_else(|| "not fixed by these data".to_owned(), |sigma| format!("± {}", significant(sigma, 2)));
-            say!("    {} = {} {} {sigma}", p.name, significant(p.value, 4), p.unit);
+impl Judged {
+    /// Reads both; the curve from `ocv` or the model file.
+    pub(super) fn read(data: &Path, model: &Path, ocv: Option<&Path>) -> Result<Self, Failure> {
+        let fail = |text: &str| Failure::Usage(format!("--model {}: {text}", model.display()));
+        let file = files::read_model(model)?;
+        let given = ocv.map(files::read_curve).transpose()?;
+        let curve = given.or_else(|| file.ocv.clone());
+        let ocv = curve.ok_or_else(|| fail("expected an OCV curve in it, found none; give one with --ocv"))?;
+        if !file.additions.is_empty() {
+            return Err(fail("expected a model without additions: the diagnosis starts from the extended Randles model alone"));
         }
+        let model = BaseModel { name: file.name.clone(), erm: file.fit.erm.clone(), ocv };
+        Ok(Self { loaded: read_dataset(data)?, model, file })
     }
-    for gap in &diagnosis.gap {
-        say!(
-            "  {}: {:.2} mV by the model file, {:.2} refitted, {:.2} augmented, floor {:.2}",
-            gap.run,
-            gap.eis_only_mv,
-            gap.base_mv,
-            gap.augmented_mv,
-            gap.floor_mv
-        );
-    }
-    for note in &diagnosis.notes {
-        say!("  note: {note}");
+
+    /// The diagnosis of what could be read; what could not makes the data invalid.
+    fn diagnose(&self) -> Result<Outcome, Failure> {
+        let unreadable = self.loaded.problems.iter().map(|problem| gate::Reason::unreadable(&problem.run, &problem.text)).collect();
+        let mut outcome = gate::diagnose_gated(&self.loaded.set, unreadable, &self.model, &DiagnosisOptions::default())
+            .map_err(|error| Failure::Usage(error.to_string()))?;
+        outcome.diagnosis.notes.extend(self.loaded.notes.iter().cloned());
+        Ok(outcome)
     }
 }
 
-fn word(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::AtNoiseFloor => "at the noise floor",
-        Verdict::Explained => "explained",
-        Verdict::Ambiguous => "ambiguous",
-        Verdict::Unexplained => "unexplained",
-        Verdict::Invalid => "invalid",
+/// Report, pictures, and the augmented model where there is one.
+fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failure> {
+    files::make_folder(folder)?;
+    files::write_text(folder, "diagnosis.json", &(json(outcome)? + "\n"))?;
+    let d = &outcome.diagnosis;
+    let pictures = report::pictures(d, &outcome.curves);
+    for picture in &pictures {
+        files::write_picture(folder, &picture.name, |path| picture.drawing.write(path))?;
     }
+    files::write_text(folder, "diagnosis.md", &report::markdown(d, &pictures))?;
+    let additions = d.additions(concat!("eis-bench ", env!("CARGO_PKG_VERSION")));
+    if let (Some(erm), Some(facts), false) = (&d.augmented, outcome.facts, additions.is_empty()) {
+        let base = ModelFile { ocv: Some(judged.model.ocv.clone()), ..judged.file.clone() };
+        let augmented = base.with_additions(erm.clone(), facts, additions);
+        let text = augmented.to_json().map_err(|error| Failure::Analysis(error.to_string()))?;
+        files::write_text(folder, "model_augmented.json", &text)?;
+    }
+    Ok(())
 }

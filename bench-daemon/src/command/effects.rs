@@ -1,48 +1,71 @@
-//! `eis-bench effects`: the catalogue of effects that a model may lack.
+//! `eis-bench effects`: the catalogue of effects that a model may lack, and which of them a data set could tell apart.
 
-use analysis::effects::{Card, Group, catalogue};
+use std::path::PathBuf;
 
-use super::Failure;
+use analysis::{
+    diagnosis::{distinguish, report},
+    effects::{Card, catalogue},
+};
+use serde::Serialize;
+
+use super::{Failure, diagnose::Judged, files};
 use crate::terminal::say;
 
 /// Arguments of `effects`.
 #[derive(Debug, clap::Args)]
 pub struct EffectsArgs {
+    /// A data set for which to say what could be told apart; needs --model.
+    #[arg(value_name = "DATASET", requires = "model")]
+    pub data: Option<PathBuf>,
+    /// The model of the data set's cell, as `fit`, `joint` or a run writes it.
+    #[arg(long, value_name = "FILE", requires = "data")]
+    pub model: Option<PathBuf>,
+    /// The OCV curve, as `ocv --out` writes it, where the model file holds none or another is wanted.
+    #[arg(long, value_name = "JSON")]
+    pub ocv: Option<PathBuf>,
+    /// Write `effects.md` and the pictures of the matrix into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
 }
 
+/// The catalogue and the matrix.
+#[derive(Serialize)]
+struct Listing<'a> {
+    effects: &'a [&'a Card],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    distinguishability: Option<&'a report::Distinguishability>,
+}
+
 /// Prints the catalogue.
 ///
 /// # Errors
-/// None but a mistake of the program.
+/// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn effects(args: &EffectsArgs) -> Result<(), Failure> {
     let cards: Vec<&Card> = catalogue().iter().map(|effect| effect.card()).collect();
-    if args.json {
-        let text = serde_json::to_string_pretty(&cards).map_err(|error| Failure::Analysis(error.to_string()))?;
-        say!("{text}");
-        return Ok(());
+    let matrix = match (&args.data, &args.model) {
+        (Some(data), Some(model)) => {
+            let judged = Judged::read(data, model, args.ocv.as_deref())?;
+            let matrix = distinguish(&judged.loaded.set, &judged.model, catalogue());
+            Some(matrix.map_err(|error| Failure::Usage(error.to_string()))?)
+        }
+        _ => None,
+    };
+    if let Some(folder) = &args.out {
+        let pictures = matrix.as_ref().map_or(Vec::new(), report::Distinguishability::pictures);
+        files::make_folder(folder)?;
+        for picture in &pictures {
+            files::write_picture(folder, &picture.name, |path| picture.drawing.write(path))?;
+        }
+        files::write_text(folder, "effects.md", &report::catalogue_markdown(&cards, matrix.as_ref(), &pictures))?;
     }
-    for (title, group) in [("In the cell", Group::Cell), ("On the bench", Group::Bench)] {
-        say!("{title}:");
-        cards.iter().filter(|card| card.group == group).for_each(|card| print(card));
+    if args.json {
+        let listing = Listing { effects: &cards, distinguishability: matrix.as_ref() };
+        say!("{}", serde_json::to_string_pretty(&listing).map_err(|error| Failure::Analysis(error.to_string()))?);
+    } else {
+        say!("{}", report::catalogue_text(&cards, matrix.as_ref()));
     }
     Ok(())
-}
-
-fn print(card: &Card) {
-    say!("  {}: {}", card.name, card.title);
-    let confounders = if card.confounders.is_empty() { "none".to_owned() } else { card.confounders.join(", ") };
-    for (what, text) in [
-        ("mechanism", card.mechanism),
-        ("in time", card.state_equation),
-        ("impedance", card.impedance),
-        ("signature", card.signature),
-        ("looks like", confounders.as_str()),
-        ("decided by", card.experiment),
-        ("source", card.source),
-    ] {
-        say!("    {what:<11}{text}");
-    }
 }

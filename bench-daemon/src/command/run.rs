@@ -16,6 +16,7 @@ use std::{
 use analysis::{calibration::Correction, spectrum::Spectrum};
 use instruments::{
     clock::{self, Clock, TimeMode},
+    mock::plant::Fixture,
     transport::{Address, MemoryHub},
 };
 use serde::Serialize;
@@ -120,7 +121,8 @@ pub fn run_experiment(experiment: &Experiment, folder: &Path) -> Result<Finished
 /// A sweep that begins with a person changing the fixture must not fail in the middle of the night for want of one.
 fn refuse_without_person(experiment: &Experiment, operator: Operator) -> Result<(), Failure> {
     let person = matches!(experiment.bench.instruments.jig, Some(config::Jig::Person));
-    if person && experiment.fixture_check.is_some() && operator == Operator::Nobody {
+    let shunt = experiment.eis.as_ref().is_some_and(|eis| eis.fixture == Fixture::Shunt && eis.repeat > 0);
+    if person && (experiment.fixture_check.is_some() || shunt) && operator == Operator::Nobody {
         return Err(Failure::Usage(crate::operator::OperatorError::NoTerminal.to_string()));
     }
     Ok(())

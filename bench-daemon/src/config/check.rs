@@ -161,6 +161,7 @@ impl Check<'_> {
         let eis = Eis {
             fixture: if raw.fixture == raw::SweptFixture::Shunt { Fixture::Shunt } else { Fixture::Cell },
             repeat: raw.repeat,
+            rest_s: raw.rest_first.map_or(Ok(0.0), |rest| self.within("eis.rest_first", rest.si, (0.0, 86_400.0), "s"))?,
             freqs_hz,
             amplitude_a,
             periods: self.within("eis.periods", raw.periods, (2.0, 10_000.0), "periods")?,

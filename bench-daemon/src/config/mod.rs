@@ -243,6 +243,8 @@ pub struct Eis {
     pub fixture: Fixture,
     /// How often; 0 where only the controls are.
     pub repeat: usize,
+    /// Rest of the cell before each, s.
+    pub rest_s: f64,
     /// Frequencies, rising, Hz.
     pub freqs_hz: Vec<f64>,
     /// Amplitude of the current, A.

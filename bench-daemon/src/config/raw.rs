@@ -98,6 +98,8 @@ pub(super) struct Eis {
     pub(super) fixture: SweptFixture,
     #[serde(default = "one")]
     pub(super) repeat: usize,
+    /// Before each sweep of the cell.
+    pub(super) rest_first: Option<Quantity<Duration>>,
 }
 
 /// What the sweeps of `[eis]` are of.

@@ -76,13 +76,19 @@ struct Recorded {
 }
 
 impl Executor<'_> {
-    /// Rests, then looks at the cell while nothing flows.
-    pub(super) async fn zero(&mut self, trace: &TracePlan) -> Result<(), ExecuteError> {
-        let end_s = self.clock.now_s() + trace.rest_s;
+    /// Watches the cell while nothing flows.
+    pub(super) async fn pause(&mut self, span_s: f64) -> Result<(), ExecuteError> {
+        let end_s = self.clock.now_s() + span_s;
         while self.clock.now_s() < end_s {
             self.clock.sleep_s(REST_POLL_S.min(end_s - self.clock.now_s())).await;
             self.watch("rest", Fixture::Cell).await?;
         }
+        Ok(())
+    }
+
+    /// Rests, then looks at the cell while nothing flows.
+    pub(super) async fn zero(&mut self, trace: &TracePlan) -> Result<(), ExecuteError> {
+        self.pause(trace.rest_s).await?;
         let mut ocv_v = 0.0;
         for _ in 0..REST_READINGS {
             let reading = self.watch("rest", Fixture::Cell).await?;

@@ -25,14 +25,15 @@ const FRAME_MARGIN_S: f64 = 0.2;
 
 /// `repeat` is 0 where the fixture is a control. `held`: the bipolar supply limits its current by itself.
 pub(super) fn stage((fixture, repeat, held): (Fixture, usize, bool), eis: &Eis, limits: &Limits, screen_s: impl Fn(f64) -> f64) -> Stage {
-    let mut steps = vec![
-        Step::Mount(fixture),
-        Step::PowerUp {
-            compliance_v: limits.max_v + (LOOP_OHM * eis.amplitude_a).max(COMPLIANCE_MARGIN_V),
-            limit_a: LIMIT_FACTOR * eis.amplitude_a + LIMIT_MARGIN_A,
-            held,
-        },
-    ];
+    let mut steps = vec![Step::Mount(fixture)];
+    if fixture == Fixture::Cell && eis.rest_s > 0.0 {
+        steps.push(Step::Pause { span_s: eis.rest_s });
+    }
+    steps.push(Step::PowerUp {
+        compliance_v: limits.max_v + (LOOP_OHM * eis.amplitude_a).max(COMPLIANCE_MARGIN_V),
+        limit_a: LIMIT_FACTOR * eis.amplitude_a + LIMIT_MARGIN_A,
+        held,
+    });
     for (index, &freq_hz) in eis.freqs_hz.iter().enumerate() {
         let thesis_s = eis.periods / freq_hz + eis.extra_wait_s;
         let frame_s = screen_s(eis.periods_on_screen / freq_hz) + TRIGGER_PERIODS / freq_hz + FRAME_MARGIN_S;
@@ -51,6 +52,7 @@ mod tests {
         let eis = Eis {
             fixture: Fixture::Cell,
             repeat: 1,
+            rest_s: 0.0,
             freqs_hz: vec![0.1, 0.21, 300.0],
             amplitude_a: 1.0,
             periods: 11.0,

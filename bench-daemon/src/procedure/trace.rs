@@ -48,12 +48,17 @@ pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: bool, s
     let (least_a, greatest_a) = plan.extremes_a();
     let most_a = greatest_a.max(-least_a);
     let up = Step::PowerUp {
-        compliance_v: cell.limits.max_v + (COMPLIANCE.1 * most_a).max(COMPLIANCE.0),
-        limit_a: LIMIT.0 * most_a + LIMIT.1,
+        compliance_v: hundredths(cell.limits.max_v + (COMPLIANCE.1 * most_a).max(COMPLIANCE.0)),
+        limit_a: hundredths(LIMIT.0 * most_a + LIMIT.1),
         held,
     };
     let steps = vec![Step::Mount(Fixture::Cell), Step::Zero(plan.clone()), up, Step::Trace(plan), Step::PowerDown];
     Stage { purpose: Purpose::Trace, steps }
+}
+
+/// Two decimals are all that a supply shows.
+fn hundredths(value: f64) -> f64 {
+    (value * 100.0).round() / 100.0
 }
 
 /// The steps of the current; equal neighbours are one, and nothing flows at the end.
@@ -105,5 +110,69 @@ fn spots((mut at_s, latest_s): (f64, f64), stepped_s: f64, trace: &Trace, frames
     while at_s <= latest_s && !frames.is_empty() {
         frames.push(Frame { start_s: at_s, span_s: SPOT_S, memory_points: 10_000, record_points: SPOT_POINTS });
         at_s += (trace.growth * (at_s - stepped_s)).clamp(SPOT_S + GAP_S, trace.longest_s.max(SPOT_S + GAP_S));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use analysis::dataset::Role;
+
+    fn trace(segments: &[(f64, f64)]) -> Trace {
+        Trace {
+            name: "t".to_owned(),
+            role: Role::Train,
+            repeat_group: "t".to_owned(),
+            repeat: 1,
+            rest_s: 0.0,
+            start_v: (3.6, 3.8),
+            resistance_max_ohm: 0.03,
+            segments: segments.iter().map(|&(current_a, duration_s)| Segment { current_a, duration_s }).collect(),
+            first_sample_s: 0.002,
+            growth: 0.25,
+            longest_s: 10.0,
+        }
+    }
+
+    /// Screens of 1, 2, 5 and so on.
+    fn screen_s(span_s: f64) -> f64 {
+        [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0].into_iter().find(|screen_s| *screen_s >= span_s).unwrap_or(1000.0)
+    }
+
+    fn laid_out(segments: &[(f64, f64)]) -> (Vec<Level>, Vec<Frame>) {
+        let trace = trace(segments);
+        let levels = levels(&trace);
+        let frames = frames(&levels, end_s(&trace), &trace, screen_s);
+        (levels, frames)
+    }
+
+    #[test]
+    fn equal_neighbours_are_one_step_and_nothing_flows_at_the_end() {
+        let (levels, _) = laid_out(&[(0.0, 2.0), (-5.0, 3.0), (-5.0, 4.0), (3.0, 5.0)]);
+        let met: Vec<(f64, f64)> = levels.iter().map(|level| (level.at_s, level.current_a)).collect();
+        assert_eq!(met, [(2.5, -5.0), (9.5, 3.0), (14.5, 0.0)]);
+    }
+
+    #[test]
+    fn every_step_has_its_frame_and_frames_leave_time_to_be_read() {
+        let pulses = [(-5.0, 5.0), (0.0, 35.0), (5.0, 5.0), (0.0, 35.0)];
+        let long = [(-9.0, 300.0), (0.0, 300.0)];
+        let crowd = [(-9.0, 2.0), (4.0, 3.0), (-1.0, 2.0), (7.0, 30.0), (0.0, 10.0)];
+        for (segments, around) in [(&pulses[..], vec![10.0, 10.0]), (&long, vec![5.0, 5.0]), (&crowd, vec![10.0, 5.0])] {
+            let (levels, frames) = laid_out(segments);
+            for level in &levels {
+                let held = |frame: &&Frame| frame.start_s + BEFORE_S <= level.at_s && level.at_s + AFTER_S <= frame.start_s + frame.span_s;
+                assert!(frames.iter().any(|frame| held(&frame)), "{level:?}: {frames:?}");
+            }
+            for pair in frames.windows(2) {
+                assert!(pair[1].start_s - pair[0].start_s - pair[0].span_s >= GAP_S - 1.0e-9, "{pair:?}");
+            }
+            let steps: Vec<f64> = frames.iter().filter(|frame| frame.span_s > SPOT_S).map(|frame| frame.span_s).collect();
+            assert_eq!(steps, around, "{frames:?}");
+        }
+        // Spots stand the farther apart the longer ago the step is, up to the longest interval.
+        let (_, frames) = laid_out(&long);
+        let gaps: Vec<f64> = frames.windows(2).take(30).map(|pair| pair[1].start_s - pair[0].start_s).collect();
+        assert!(gaps[1] < 4.0 && (gaps[28] - 10.0).abs() < 1.0e-9, "{gaps:?}");
     }
 }

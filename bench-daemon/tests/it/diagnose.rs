@@ -45,7 +45,7 @@ fn damaged_data_are_a_verdict_and_no_failure() {
         [(Corruption::VoltageMillivolts, "mV for V?"), (Corruption::TimeBackwards, "its times go back"), (Corruption::Truncated, "")]
     {
         let folder = tempfile::tempdir().unwrap();
-        campaign(folder.path(), &Spec { corruption: Some(kind), ..Spec::null(3) });
+        campaign(folder.path(), &Spec { corruption: Some(kind), ..Spec::null(1) });
         let output = diagnose(folder.path(), "model.json");
         assert!(output.status.success(), "{output:?}");
         let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "helpers of tests may end a test")]
 
 mod accuracy;
+mod additions;
 mod architecture;
 mod configuration;
 mod demo;

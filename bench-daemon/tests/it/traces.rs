@@ -32,7 +32,9 @@ segments = [
 
 /// The demo's files with a brief check of the bench, two short sweeps and the trace.
 fn files() -> Files {
-    Files::short(2).edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"1 A\"\nrepeat = 2").append(EXPERIMENT, TRACE)
+    Files::short(2)
+        .edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"1 A\"\nrepeat = 2\nrest_first = \"30 s\"")
+        .append(EXPERIMENT, TRACE)
 }
 
 /// Without a sweep of any kind.
@@ -83,6 +85,9 @@ fn a_trace_is_the_truth_within_its_noise_and_the_index_tells_what_is_what() {
     }
     let traces: Vec<(&str, usize, Role)> = index.traces.iter().map(|trace| (trace.file.as_str(), trace.order, trace.role)).collect();
     assert_eq!(traces, [("series_pulses_1.bdf.csv", 1, Role::HeldOut), ("series_pulses_2.bdf.csv", 3, Role::HeldOut)]);
+    // The second sweep begins half a minute after the first trace has ended, at least.
+    let events = fs::read_to_string(files.path("run/events.csv")).unwrap();
+    assert_eq!(events.matches(",\"rest 30 s\"").count(), 2, "{events}");
     let world = finished.simulation.as_ref().unwrap().world().lock().unwrap().clone();
     for trace in &index.traces {
         let rows = read_trace_csv(&files.path("run").join(&trace.file)).unwrap();
@@ -124,6 +129,15 @@ fn a_trace_needs_no_sweep_and_a_hidden_effect_shows_in_it() {
     let (plain_v, hidden_v) = (end_v(trace_only()), end_v(trace_only().append(SCENARIO, hidden)));
     // 2 mΩ · 4.9 A · (1 − 1/e).
     assert!((hidden_v - plain_v + 6.2e-3).abs() < 3.0e-4, "{plain_v} V, {hidden_v} V");
+}
+
+#[test]
+fn the_controls_can_be_measured_for_a_trace_alone() {
+    let files = Files::short(2).edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"1 A\"\nrepeat = 0").append(EXPERIMENT, TRACE);
+    let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
+    assert_eq!(finished.measured.controls.len(), 2);
+    assert!(files.path("run/correction.json").exists() && !files.path("run/spectrum.csv").exists());
+    assert_eq!((index(&files).sweeps.len(), index(&files).traces.len()), (0, 2));
 }
 
 #[test]
@@ -209,6 +223,21 @@ fn mistakes_in_traces_are_named() {
     }
     let message = complaint(Files::short(2).without(EXPERIMENT, "eis").append(EXPERIMENT, TRACE));
     assert!(message.contains("fixture_check: expected a section [eis], whose frequencies the controls are measured at"), "{message}");
+    let (head, _) = TRACE.split_once("segments").unwrap();
+    for (text, expected) in [
+        ("amps,seconds\n1,2\n", "steps.csv:1: current_a,duration_s: expected the header current_a,duration_s, found \"amps,seconds\""),
+        ("current_a,duration_s\n-1,2\n3;4\n", "steps.csv:3: current_a,duration_s: expected two numbers, found \"3;4\""),
+        ("current_a,duration_s\n", "traces.pulses.file: expected at least one segment, found none"),
+        ("current_a,duration_s\nnan,2\n", "traces.pulses.file: expected -20 A to 20 A, found NaN A"),
+    ] {
+        let files = Files::short(2)
+            .without(EXPERIMENT, "fixture_check")
+            .without(EXPERIMENT, "eis")
+            .append(EXPERIMENT, &format!("{head}file = \"steps.csv\""));
+        files.write("experiments/steps.csv", text);
+        let message = complaint(files);
+        assert!(message.contains(expected), "{message}");
+    }
     let message = complaint(trace_only().append(EXPERIMENT, TRACE));
     assert!(message.contains("traces: expected names that differ, found \"pulses\" twice"), "{message}");
 }

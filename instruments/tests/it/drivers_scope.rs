@@ -187,6 +187,31 @@ fn an_offset_that_was_clamped_is_an_error_that_says_so() {
 }
 
 #[test]
+fn a_rolling_scope_keeps_what_lies_before_the_stop() {
+    in_virtual_time(async |clock| {
+        let rig = Rig::new(clock, MODEL);
+        let mut scope = driver(&rig).await;
+        arm(&mut scope).await;
+        let beyond = Intent::Trigger(Trigger { channel: 4, level: Volts(3.85) });
+        for intent in [beyond, Intent::Roll] {
+            scope.set(&intent).await.unwrap();
+        }
+        rig.clock.sleep_s(2.013).await;
+        let stopped_s = rig.clock.now_s();
+        scope.stop().await.unwrap();
+        let waveform = scope.download(4, MEMORY_POINTS).await.unwrap();
+        let start_s = stopped_s - 10.0 * TIME_PER_DIV_S;
+        for (index, &code) in waveform.codes.iter().enumerate() {
+            let met_v = f64::from(code) * waveform.preamble.volts_per_code - waveform.preamble.offset_v;
+            let at_s = start_s + index as f64 * waveform.interval_s;
+            let true_v = base_v(4) + AMPLITUDE_V * (TAU * FREQ_HZ * at_s).sin();
+            // The clock of virtual time has steps of a millisecond.
+            assert!((met_v - true_v).abs() < 1.0e-3 * TAU * FREQ_HZ * AMPLITUDE_V + 0.1 * PER_DIV_V, "{at_s} s: {met_v} V, {true_v} V");
+        }
+    });
+}
+
+#[test]
 fn without_a_frame_there_are_no_volts_but_a_reason() {
     const TEXT: &str = "dev: `:WAVeform:PREamble?` answered `346 bytes`: expected a descriptor that starts with WAVEDESC: no frame was completed since the scope was armed";
     in_virtual_time(async |clock| {

@@ -32,7 +32,7 @@ pub enum Check {
     Empty,
     /// Numbers that are not finite.
     NotFinite,
-    /// Times that do not rise.
+    /// Times that do not rise, or jump.
     TimesGoBack,
     /// Volts, amperes or ohms in thousandths or thousands.
     Unit,
@@ -85,22 +85,32 @@ pub struct GateReport {
     pub notes: Vec<String>,
 }
 
+/// One check over the runs that passed those before it.
+type CheckFn = fn(&Inspection<'_>) -> Findings;
+
+/// A lagging current is not that of its repeats, a clipped or foreign voltage may look delayed: the narrower check comes first.
+const CHECKS: [CheckFn; 10] = [
+    structure::check,
+    units::check,
+    spectrum::check,
+    clip::check,
+    swapped::by_content,
+    lag::check,
+    swapped::by_current,
+    repeats::truncated,
+    repeats::clock,
+    repeats::check,
+];
+
 /// Checks a data set against what the base model expects of it.
 ///
 /// A run that fails one check is not put to the next: it would fail for the same cause under another name.
 pub fn gate(set: &DataSet, expected: &Expected) -> GateReport {
-    // A lagging current is not that of its repeats, a clipped or foreign voltage may look delayed: the narrower check comes first.
-    let checks: [fn(&Inspection<'_>) -> Findings; 9] = [
-        structure::check,
-        units::check,
-        spectrum::check,
-        clip::check,
-        swapped::by_content,
-        lag::check,
-        swapped::by_current,
-        repeats::truncated,
-        repeats::check,
-    ];
+    run(set, expected, &CHECKS)
+}
+
+/// The gate of some checks.
+fn run(set: &DataSet, expected: &Expected, checks: &[CheckFn]) -> GateReport {
     let mut report = GateReport::default();
     for check in checks {
         let bad = |name: &String| report.invalid.iter().any(|reason| reason.runs.contains(name));
@@ -182,4 +192,4 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -21,7 +21,7 @@ use crate::effects;
 /// Probability below which a block of residuals counts as outside the noise, after Holm's correction.
 pub const SIGNIFICANT_P: f64 = 0.05;
 /// Penalised gain λ − k·ln N that an effect needs to be named.
-pub const SCORE_THRESHOLD: f64 = 8.0;
+pub const SCORE_THRESHOLD: f64 = super::guards::LEAST_SCORE;
 
 /// A diagnosis for a terminal, at most 100 characters wide.
 pub fn text(d: &Diagnosis) -> String {

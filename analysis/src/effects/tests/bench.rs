@@ -1,6 +1,6 @@
 //! The formulas of the bench's effects.
 
-use crate::augmented::{Added, Between, Grid, Player, impedance, network};
+use crate::augmented::{Added, Between, Grid, Player, impedance, network, storage_ohm};
 use crate::effects::{Base, Effect, Facts, Group, Point, Record, Scale, catalogue, find};
 use crate::model::{Erm, RcBranch};
 use crate::ocv::OcvCurve;
@@ -88,7 +88,7 @@ fn thirteen_effects_of_the_bench_have_names_of_their_own() {
 #[test]
 fn strength_zero_is_absence_to_the_last_bit() {
     let plain = play(&[], true);
-    let z = network(&base(), &[]).impedance(123.0);
+    let z = network(&base(), &[]).impedance(123.0) + storage_ohm(&base(), &point(123.0, true));
     for e in bench() {
         let p = at_strength(e, 0.0);
         let added = [Added { effect: e, p: &p }];
@@ -169,29 +169,28 @@ fn impedances_follow_their_formulas() {
 fn smoothing_that_was_put_in_is_taken_out() {
     let (time_s, held_a) = samples();
     let tau_s = 1.7;
-    // What a first-order filter logs of a held current at the sample times.
-    let mut logged_a = vec![held_a[0]];
-    for k in 1..time_s.len() {
-        let decay = (-(time_s[k] - time_s[k - 1]) / tau_s).exp();
-        logged_a.push(decay * logged_a[k - 1] + (1.0 - decay) * held_a[k - 1]);
-    }
+    // Mean over each interval of what a first-order filter makes of a held current, in small steps.
+    let mut state_a = held_a[0];
+    let logged_a: Vec<f64> = (0..time_s.len())
+        .map(|k| {
+            let step_s = time_s.get(k + 1).map_or(1.0, |next| next - time_s[k]);
+            let count = 20_000;
+            let decay = (-step_s / (tau_s * f64::from(count))).exp();
+            let mut sum_a = 0.0;
+            for _ in 0..count {
+                let before_a = state_a;
+                state_a = held_a[k] + (state_a - held_a[k]) * decay;
+                sum_a += 0.5 * (before_a + state_a);
+            }
+            sum_a / f64::from(count)
+        })
+        .collect();
     let mut met_a = logged_a.clone();
     effect("current_smoothing").current(&[tau_s], &record((&time_s, &logged_a), true), &mut met_a);
-    let (mut charge_c, mut expected_c) = (0.0, 0.0);
+    // The last sample has no interval of its own.
     for k in 0..time_s.len() - 1 {
-        let step_s = time_s[k + 1] - time_s[k];
-        // Within a step the logged current moves on by up to h/2τ of what is still missing.
-        assert!(
-            (met_a[k] - held_a[k]).abs() <= 0.5 * step_s / tau_s * (held_a[k] - logged_a[k]).abs() + 1e-9,
-            "{} s: {}",
-            time_s[k],
-            met_a[k]
-        );
-        charge_c += met_a[k] * step_s;
-        expected_c += logged_a[k] * step_s;
+        assert!((met_a[k] - held_a[k]).abs() < 1e-3, "{} s: {} A against {} A", time_s[k], met_a[k], held_a[k]);
     }
-    expected_c += tau_s * (logged_a[time_s.len() - 1] - logged_a[0]);
-    assert!((charge_c - expected_c).abs() < 1e-9, "{charge_c} C against {expected_c} C");
 }
 
 #[test]

@@ -92,6 +92,11 @@ fn seen(name: &str, p: &[f64], at: &Point) -> Complex64 {
     augmented::impedance(&augmented::network(&base(), &added), &base(), &added, at, None)
 }
 
+/// The impedance of the cell without any, Ω.
+fn plain(at: &Point) -> Complex64 {
+    base().erm.impedance(at.freq_hz) + augmented::storage_ohm(&base(), at)
+}
+
 fn point(freq_hz: f64) -> Point {
     let facts = base().facts;
     Point {

@@ -110,7 +110,7 @@ fn the_bench_is_left_out() {
 #[test]
 fn warmth_lowers_the_resistance_by_its_closed_form() {
     // Without loss to the surroundings: dx/dt = g·R·i²·exp(−x), exp(x) = 1 + g·R·i²·t.
-    let (g, r, i) = (2e-4, 0.012, 40.0);
+    let (g, r, i) = (2e-4, 0.012, 40.0_f64);
     let cell = augmented(Erm { r_ohm: r, branches: Vec::new() }, vec![kept("self_heating", &[g, 1e8])]);
     let model = sim(&cell, ONE);
     let profile = rows(Demand::Current, Interpolation::Hold, &[(0.0, i), (120.0, i)]);
@@ -122,7 +122,7 @@ fn warmth_lowers_the_resistance_by_its_closed_form() {
         assert!((met - expected).abs() * i < 2e-6, "{t} s: {met} Ω against {expected} Ω");
     }
     assert!(run.trace.time_s.len() == 25);
-    let heat_j = f64::ln(1.0 + g * r * i * i * 120.0) / g;
+    let heat_j = (1.0 + g * r * i * i * 120.0).ln() / g;
     assert!((run.summary.heat_j / heat_j - 1.0).abs() < 1e-5, "{} J against {heat_j} J", run.summary.heat_j);
 }
 

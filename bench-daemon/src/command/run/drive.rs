@@ -92,20 +92,8 @@ async fn sweep(
     let points = executor.stage(stage, &mut on_point).await?;
     let cell = fixture == Fixture::Cell;
     if repeat > 0 {
-        let entry = SweepEntry {
-            file: if cell { file } else { format!("raw_{name}.csv") },
-            fixture: fixture_name(fixture).to_owned(),
-            fixture_ohm: (!cell).then_some(fixture_check::known(&experiment.bench, fixture).r_ohm),
-            corrected: cell && measured.correction.reduced_chi2.is_some(),
-            amplitude_a: experiment.eis.as_ref().map_or(f64::NAN, |eis| eis.amplitude_a),
-            repeat,
-            order: executor.recorder.measured(),
-            start_time_s,
-            start_ocv_v: executor.idle.voltage_v.filter(|_| cell),
-            temperature_c: executor.idle.temperature_c.filter(|_| cell),
-            role: Role::Train,
-            repeat_group: if cell { "eis".to_owned() } else { "eis_shunt".to_owned() },
-        };
+        let file = if cell { file } else { format!("raw_{name}.csv") };
+        let entry = entry(executor, (fixture, repeat), (file, start_time_s), measured);
         executor.recorder.sweep(entry)?;
     }
     match (cell, repeat) {
@@ -114,6 +102,30 @@ async fn sweep(
         (false, _) => {}
     }
     Ok(points)
+}
+
+/// A sweep in words of the index.
+fn entry(
+    executor: &Executor<'_>,
+    (fixture, repeat): (Fixture, usize),
+    (file, start_time_s): (String, f64),
+    measured: &Measured,
+) -> SweepEntry {
+    let (experiment, cell) = (executor.experiment, fixture == Fixture::Cell);
+    SweepEntry {
+        file,
+        fixture: fixture_name(fixture).to_owned(),
+        fixture_ohm: (!cell).then_some(fixture_check::known(&experiment.bench, fixture).r_ohm),
+        corrected: cell && measured.correction.reduced_chi2.is_some(),
+        amplitude_a: experiment.eis.as_ref().map_or(f64::NAN, |eis| eis.amplitude_a),
+        repeat,
+        order: executor.recorder.measured(),
+        start_time_s,
+        start_ocv_v: executor.idle.voltage_v.filter(|_| cell),
+        temperature_c: executor.idle.temperature_c.filter(|_| cell),
+        role: Role::Train,
+        repeat_group: if cell { "eis".to_owned() } else { "eis_shunt".to_owned() },
+    }
 }
 
 /// Stops the run when a control that was just measured is off as read.

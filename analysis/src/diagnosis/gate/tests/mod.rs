@@ -1,4 +1,4 @@
-mod sim;
+pub(in crate::diagnosis) mod sim;
 
 use super::{Check, Expected, GateReport, gate};
 use crate::diagnosis::{DataSet, Verdict};
@@ -40,6 +40,12 @@ const DAMAGES: &[(&str, Damage, Check, &str)] = &[
     ("not a number", |s| series(s, "discharge_0").voltage_v[40] = f64::NAN, Check::NotFinite, "discharge_0"),
     ("infinite impedance", |s| points(s, "eis_1")[3].z_ohm.im = f64::INFINITY, Check::NotFinite, "eis_1"),
     ("time back", |s| series(s, "profile_1").time_s.iter_mut().skip(50).for_each(|t| *t -= 2.0), Check::TimesGoBack, "profile_1"),
+    (
+        "a clock that jumps between two samples",
+        |s| series(s, "discharge_1").time_s.iter_mut().skip(200).for_each(|t| *t -= 0.5),
+        Check::TimesGoBack,
+        "discharge_1",
+    ),
     ("mA", |s| series(s, "pulse_0").current_a.iter_mut().for_each(|i| *i *= 1e3), Check::Unit, "pulse_0"),
     ("kA", |s| series(s, "discharge_0").current_a.iter_mut().for_each(|i| *i /= 1e3), Check::Unit, "discharge_0"),
     ("mV", |s| series(s, "profile_2").voltage_v.iter_mut().for_each(|v| *v *= 1e3), Check::Unit, "profile_2"),
@@ -122,15 +128,39 @@ fn damage_is_found_and_named() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
+/// Without any one of the checks, some damage is no longer found under its name.
+#[test]
+fn each_check_is_needed() {
+    let clean = campaign(&Hidden::default(), 1);
+    let damaged: Vec<_> = DAMAGES
+        .iter()
+        .map(|(_, damage, check, run)| {
+            let mut set = clean.clone();
+            damage(&mut set);
+            let expected = Expected::new(&set, &model());
+            (set, expected, *check, *run)
+        })
+        .collect();
+    for left_out in 0..super::CHECKS.len() {
+        let mut checks = super::CHECKS.to_vec();
+        checks.remove(left_out);
+        let missed = damaged.iter().any(|(set, expected, check, run)| {
+            let invalid = super::run(set, expected, &checks).invalid;
+            !invalid.iter().any(|reason| reason.check == *check && reason.runs == [*run])
+        });
+        assert!(missed, "check {left_out} finds nothing of its own");
+    }
+}
+
 #[test]
 fn reasons_name_run_and_numbers() {
     let mut set = campaign(&Hidden::default(), 1);
     series(&mut set, "pulse_0").current_a.iter_mut().for_each(|i| *i *= 1e3);
     lag(&mut set, "discharge_1", 1.5);
-    series(&mut set, "profile_1").time_s[9] = 2.0;
+    series(&mut set, "profile_1").time_s[1] = 0.0;
     let texts: Vec<String> = look(&set).invalid.iter().map(ToString::to_string).collect();
     let [back, unit, late] = texts.as_slice() else { panic!("{texts:?}") };
-    assert_eq!(back, "profile_1: its times go back: after 2.06 s comes 2 s (sample 10)");
+    assert_eq!(back, "profile_1: its times go back: after 0 s comes 0 s (sample 2)");
     assert!(
         unit.starts_with("pulse_0: steps of its current meet ") && unit.ends_with(" mΩ where 9.19 mΩ are expected: mA for A?"),
         "{unit}"

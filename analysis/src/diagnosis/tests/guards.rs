@@ -1,0 +1,107 @@
+//! Each guard: with it the workflow ends as it should, without it and it alone it does not.
+
+use super::bench::{Hidden, campaign, model};
+use crate::diagnosis::{DataSet, Diagnosis, DiagnosisOptions, Guards, Role, RunData, Verdict, diagnose};
+
+fn with(set: &DataSet, guards: Guards) -> Diagnosis {
+    diagnose(set, &model(), &DiagnosisOptions { guards, ..DiagnosisOptions::default() }).unwrap().diagnosis
+}
+
+fn names(d: &Diagnosis) -> Vec<&'static str> {
+    d.effects.iter().map(|e| e.name).collect()
+}
+
+#[test]
+fn noise_of_the_current_channel_is_no_physics() {
+    let mut false_names = 0;
+    for seed in 20..26 {
+        let set = campaign(seed, &Hidden::default(), &Hidden::default());
+        assert_eq!(names(&with(&set, Guards::default())), [""; 0], "seed {seed}");
+        let off = Guards { current_channel_noise: false, sentinel: false, held_out: false, ..Guards::default() };
+        let kept = Guards { current_channel_noise: true, ..off };
+        assert_eq!(names(&with(&set, kept)), [""; 0], "seed {seed}");
+        false_names += usize::from(!names(&with(&set, off)).is_empty());
+    }
+    assert!(false_names >= 3, "{false_names} of 6 without the guard");
+}
+
+#[test]
+fn what_a_parameter_of_the_base_can_do_is_outside_the_score() {
+    // Many an effect is mostly what the base's own resistances can do as well: only what is left of it may be compared.
+    let hidden = Hidden { heat_per_j: 2e-4, ..Hidden::default() };
+    let set = campaign(31, &hidden, &hidden);
+    let on = with(&set, Guards::default());
+    let off = with(&set, Guards { tangent_projection: false, ..Guards::default() });
+    let lagrange = |d: &Diagnosis, name: &str| d.ranking.iter().find(|c| c.name == name).map_or(0.0, |c| c.lagrange);
+    let gain = on.ranking.iter().map(|c| c.lagrange / lagrange(&off, c.name).max(1.0)).fold(0.0, f64::max);
+    assert!(gain > 5.0, "{gain}");
+    let expected = |d: &Diagnosis| d.blocks.iter().map(|b| b.expected_chi2 / b.count as f64).fold(1.0, f64::min);
+    assert!(expected(&on) < 0.985 && expected(&off) == 1.0, "{} and {}", expected(&on), expected(&off));
+}
+
+#[test]
+fn held_out_runs_that_contradict_are_heard() {
+    let set = campaign(41, &Hidden { per_soc: -0.6, ..Hidden::default() }, &Hidden::default());
+    let on = with(&set, Guards::default());
+    assert!(names(&on).is_empty() && on.verdict == Verdict::Unexplained, "{:?} {}", names(&on), on.summary);
+    let off = with(&set, Guards { held_out: false, ..Guards::default() });
+    assert_eq!(names(&off), ["soc_resistance"]);
+}
+
+#[test]
+fn a_small_help_is_no_name() {
+    let hidden = Hidden { ripple_v: 8e-3, ..Hidden::default() };
+    let set = campaign(51, &hidden, &hidden);
+    let kept = Guards { held_out: false, ..Guards::default() };
+    let on = with(&set, kept);
+    let off = with(&set, Guards { material_share: false, ..kept });
+    assert_eq!((on.verdict, names(&on).len()), (Verdict::Unexplained, 0), "{:?}", names(&on));
+    assert!(!names(&off).is_empty(), "{:?}", off.ranking);
+}
+
+#[test]
+fn repeats_that_disagree_stop_everything() {
+    let hidden = Hidden { telegraph_ohm: 4e-4, ..Hidden::default() };
+    let set = campaign(61, &hidden, &hidden);
+    let on = with(&set, Guards::default());
+    assert_eq!((on.verdict, names(&on).len()), (Verdict::Unexplained, 0));
+    assert!(on.summary.contains("The noise floor itself moved"), "{} {:?}", on.summary, on.noise);
+    let off = with(&set, Guards { sentinel: false, ..Guards::default() });
+    assert!(!off.summary.contains("The noise floor itself moved"), "{}", off.summary);
+}
+
+#[test]
+fn a_parameter_at_its_bound_is_no_name() {
+    // Twice the slope: the curve is another cell's, which no error of a capacity reaches.
+    let hidden = Hidden { slope: 0.9, ..Hidden::default() };
+    let set = campaign(71, &hidden, &hidden);
+    assert!(!names(&with(&set, Guards::default())).contains(&"ocv_slope"));
+    let off = with(&set, Guards { bound: false, held_out: false, ..Guards::default() });
+    assert!(names(&off).contains(&"ocv_slope"), "{:?}", names(&off));
+    let kept = Guards { held_out: false, ..Guards::default() };
+    assert!(!names(&with(&set, kept)).contains(&"ocv_slope"));
+}
+
+#[test]
+fn steps_are_as_fine_as_integration_needs() {
+    // Few samples: heat between two of them matters.
+    let hidden = Hidden { heat_per_j: 3e-4, ..Hidden::default() };
+    let mut set = campaign(81, &hidden, &hidden);
+    for run in &mut set.runs {
+        if let (RunData::Time(record), Role::Train | Role::HeldOut) = (&mut run.data, run.role) {
+            thin(&mut record.series);
+        }
+    }
+    let (on, off) = (with(&set, Guards::default()), with(&set, Guards { integration: false, ..Guards::default() }));
+    let error = |d: &Diagnosis| d.effects.iter().map(|e| e.evidence.integration_error).fold(0.0, f64::max);
+    assert!(names(&on).contains(&"self_heating") && error(&on) <= 0.1, "{:?} {}", names(&on), error(&on));
+    assert!(error(&off) > 0.1, "{:?} {}", names(&off), error(&off));
+}
+
+/// Keeps the samples at edges and every eighth in between.
+fn thin(s: &mut crate::series::TimeSeries) {
+    let keep: Vec<usize> = (0..s.len()).filter(|k| k % 8 == 0 || *k == 0 || (s.current_a[*k] - s.current_a[k - 1]).abs() > 1.0).collect();
+    s.time_s = keep.iter().map(|k| s.time_s[*k]).collect();
+    s.current_a = keep.iter().map(|k| s.current_a[*k]).collect();
+    s.voltage_v = keep.iter().map(|k| s.voltage_v[*k]).collect();
+}

@@ -1,0 +1,5 @@
+//! The workflow on a plain cell: what it finds, what it refuses, and what each guard is worth.
+
+mod bench;
+mod guards;
+mod workflow;

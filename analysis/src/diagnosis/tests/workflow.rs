@@ -1,0 +1,41 @@
+use super::bench::{Hidden, campaign, model};
+use crate::diagnosis::{DiagnosisOptions, Verdict, diagnose};
+
+fn verdict(seed: u64, hidden: &Hidden) -> crate::diagnosis::Diagnosis {
+    diagnose(&campaign(seed, hidden, hidden), &model(), &DiagnosisOptions::default()).unwrap().diagnosis
+}
+
+#[test]
+fn nothing_hidden_nothing_named() {
+    for seed in 1..=5 {
+        let d = verdict(seed, &Hidden::default());
+        assert_eq!((d.verdict, d.effects.len()), (Verdict::AtNoiseFloor, 0), "seed {seed}: {} {:?}", d.summary, d.quality);
+        let mean = |pick: fn(&crate::diagnosis::Gap) -> f64| d.gap.iter().map(|g| pick(g).powi(2)).sum::<f64>();
+        let ratio = mean(|g| g.augmented_mv) / mean(|g| g.floor_mv);
+        assert!(ratio < 2.0 && ratio > 0.3, "seed {seed}: {:?}", d.gap);
+    }
+}
+
+#[test]
+fn a_hidden_effect_is_found_with_its_size_and_closes_the_gap() {
+    let hidden = Hidden { per_soc: -0.6, ..Hidden::default() };
+    let d = verdict(3, &hidden);
+    assert_eq!(d.verdict, Verdict::Explained, "{}", d.summary);
+    assert_eq!(d.effects.iter().map(|e| e.name).collect::<Vec<_>>(), ["soc_resistance"]);
+    let k = &d.effects[0].parameters[0];
+    assert!(k.interval.0 < -0.6 && -0.6 < k.interval.1 && k.sigma.unwrap() < 0.1, "{k:?}");
+    assert!(d.gap.iter().all(|g| g.augmented_mv < 1.6 * g.floor_mv && g.base_mv > 1.5 * g.floor_mv), "{:?}", d.gap);
+    // Before any name: the misfit is where charge has passed.
+    assert!(d.blocks[0].p_value < 1e-6 && d.where_after.iter().all(|b| b.p_value > 1e-4), "{:?}", d.blocks[0]);
+}
+
+#[test]
+fn without_repeats_no_floor_is_claimed() {
+    let mut set = campaign(4, &Hidden::default(), &Hidden::default());
+    let mut seen = std::collections::BTreeSet::new();
+    set.runs.retain(|r| seen.insert(r.repeat_group.clone()));
+    set.history = None;
+    let d = diagnose(&set, &model(), &DiagnosisOptions::default()).unwrap().diagnosis;
+    assert!(d.verdict != Verdict::AtNoiseFloor && !d.noise.from_repeats, "{:?}", d.verdict);
+    assert!(d.notes.iter().any(|n| n.contains("no noise floor can be claimed")), "{:?}", d.notes);
+}

@@ -1,0 +1,66 @@
+//! What ends a stage early: an instrument, the interlock, a file, a person, a bound, or a bench that does something else than it was told to.
+
+use crate::{bench::BenchError, interlock::Trip, operator::OperatorError, record::RecordError};
+
+/// What ends a stage early.
+#[derive(Debug, thiserror::Error)]
+pub enum ExecuteError {
+    /// An instrument.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// The interlock.
+    #[error("interlock: {0}")]
+    Trip(#[from] Trip),
+    /// A file.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// The person at the bench.
+    #[error(transparent)]
+    Operator(#[from] OperatorError),
+    /// A step reached its upper bound.
+    #[error("{step}: not reached within {max_s:.0} s ({state})")]
+    Bound {
+        /// The step in words.
+        step: String,
+        /// The bound, s.
+        max_s: f64,
+        /// What was reached instead.
+        state: String,
+    },
+    /// The bench does something else than it was told to.
+    #[error("{what}: expected {expected}, measured {met}")]
+    Disobeyed {
+        /// What was commanded.
+        what: String,
+        /// What it should have done.
+        expected: String,
+        /// What it did.
+        met: String,
+    },
+    /// A control is asked for, and something with a voltage is in the jig.
+    #[error("{what}: expected nothing with a voltage in the jig, found {volts:.2} V: is the cell still in?")]
+    CellLeftIn {
+        /// What was about to be done.
+        what: String,
+        /// Voltage at the jig with every output off, V.
+        volts: f64,
+    },
+    /// A frame of a trace cannot be used.
+    #[error("trace {trace}, {frame}: {reason}")]
+    Frame {
+        /// Name of the trace.
+        trace: String,
+        /// The frame.
+        frame: String,
+        /// Why not.
+        reason: String,
+    },
+    /// A record cannot be analysed.
+    #[error("{freq_hz} Hz: {reason}")]
+    Signal {
+        /// Frequency, Hz.
+        freq_hz: f64,
+        /// Why not.
+        reason: String,
+    },
+}
