@@ -51,6 +51,7 @@ pub fn tables(scores: &[Score]) -> String {
             }
         }
     }
+    coverage(scores, &mut out);
     let mut closed: Vec<f64> = scores.iter().filter(|s| s.lambda.is_some_and(|l| l >= 100.0)).filter_map(|s| s.closed).collect();
     closed.sort_by(f64::total_cmp);
     if !closed.is_empty() {
@@ -84,6 +85,33 @@ fn settled(scores: &[Score]) -> String {
         let _ = writeln!(out, "  {name:<26}{:>4} of {:<4}{}", right(&of), of.len(), columns(of.iter().map(|r| r.settled)));
     }
     out
+}
+
+/// How often the 95 % interval of a strength holds the truth where the effect is certain, and how large its error is.
+fn coverage(scores: &[Score], out: &mut String) {
+    let certain = scores.iter().filter(|s| s.end == End::Right);
+    let mut kinds: BTreeMap<&str, Vec<(bool, f64)>> = BTreeMap::new();
+    for p in certain.flat_map(|s| &s.parameters) {
+        kinds.entry(&p.name).or_default().push((p.covered, (p.value / p.truth - 1.0).abs()));
+    }
+    let all: Vec<bool> = kinds.values().flatten().map(|(covered, _)| *covered).collect();
+    if all.is_empty() {
+        return;
+    }
+    let held = |of: &[bool]| of.iter().filter(|c| **c).count();
+    let _ = writeln!(out, "\n95 % intervals of strengths of effects named for certain: {} of {} hold the truth", held(&all), all.len());
+    for (name, of) in kinds {
+        let covered: Vec<bool> = of.iter().map(|(c, _)| *c).collect();
+        let mut errors: Vec<f64> = of.iter().map(|(_, e)| *e).collect();
+        errors.sort_by(f64::total_cmp);
+        let _ = writeln!(
+            out,
+            "  {name:<40}{:>4} of {:<4} median error {:.1} %",
+            held(&covered),
+            covered.len(),
+            100.0 * errors[errors.len() / 2]
+        );
+    }
 }
 
 fn columns(ends: impl Iterator<Item = End>) -> String {

@@ -1,12 +1,12 @@
 //! One trial: hidden truth, data set, diagnosis, score.
 
-use analysis::diagnosis::{Block, Candidate, Gap, Outcome, Verdict, gate, yardstick};
-use fixtures::hidden::{Case, EffectKind, Spec, Stratum};
+use analysis::diagnosis::{Block, Candidate, Diagnosis, Gap, Outcome, Verdict, gate, yardstick};
+use fixtures::hidden::{Case, EffectKind, LabelledEffect, Spec, Stratum};
 use serde::Serialize;
 
 use super::{
     convert,
-    names::catalogue_name,
+    names::{catalogue_name, true_strength},
     settle::{options, settle},
 };
 
@@ -57,7 +57,7 @@ pub struct Score {
     pub fit_z: (f64, f64),
     /// Share of the oracle's gap that was closed on held-out records, where there was one to close.
     pub closed: Option<f64>,
-    /// Per parameter of a rightly named effect with a known true value: name, error in σ, relative error.
+    /// The strength of every effect that was rightly named, against its true value.
     pub parameters: Vec<ParameterScore>,
     /// The most significant blocks of the base's residual: dimension, part, χ² against its expectation.
     pub places: Vec<String>,
@@ -202,6 +202,15 @@ fn end(verdict: Option<Verdict>, truth: &[&str], named: &[&str], rivals: &[&str]
     }
 }
 
+/// How the strength of a named effect compares with the truth.
+fn parameter(effect: &LabelledEffect, d: &Diagnosis) -> Option<ParameterScore> {
+    let name = catalogue_name(effect.kind)?;
+    let fitted = d.effects.iter().find(|e| e.name == name)?.parameters.first()?;
+    let truth = true_strength(effect)?;
+    let covered = fitted.interval.0 <= truth && truth <= fitted.interval.1;
+    Some(ParameterScore { name: format!("{name}.{}", fitted.name), truth, value: fitted.value, covered })
+}
+
 fn candidate(c: &Candidate) -> String {
     format!("{}: Lagrange {:.1}, score {:.1}, {}", c.name, c.lagrange, c.score.unwrap_or(f64::NAN), c.refused_because)
 }
@@ -226,7 +235,7 @@ fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, clos
         rivals,
         fit_z: d.map_or((f64::NAN, f64::NAN), |d| (d.quality.base_z, d.quality.augmented_z)),
         closed,
-        parameters: Vec::new(),
+        parameters: case.label.effects.iter().filter_map(|e| parameter(e, d?)).collect(),
         places: d.map_or(Vec::new(), |d| d.blocks.iter().take(5).map(place).collect()),
         ranking: d.map_or(Vec::new(), |d| d.ranking.iter().take(6).map(candidate).collect()),
         notes: d.map_or(Vec::new(), |d| std::iter::once(&d.summary).chain(&d.notes).cloned().collect()),

@@ -17,6 +17,7 @@ mod ocv_joint;
 mod ranging;
 mod real_data;
 mod simulate;
+mod study;
 mod support;
 mod traces;
 mod verdicts;
