@@ -53,6 +53,9 @@ pub struct StudyArgs {
     pub out: Option<PathBuf>,
 }
 
+/// A trial: where it comes from, the effect and λ whose strength is yet to be found, and the rest.
+type Trial = (Stratum, Option<(EffectKind, f64)>, Spec);
+
 /// Runs the study.
 ///
 /// # Errors
@@ -67,7 +70,7 @@ pub fn study(args: &StudyArgs) -> Result<(), Failure> {
         (Stratum::Corrupted, args.corrupted),
     ];
     let drawn = strata.iter().flat_map(|(s, count)| (0..*count).map(move |k| (*s, s.draw(args.seed + 1_000_003 * k))));
-    let mut trials: Vec<(Stratum, Option<(EffectKind, f64)>, Spec)> = drawn.map(|(s, spec)| (s, None, spec)).collect();
+    let mut trials: Vec<Trial> = drawn.map(|(s, spec)| (s, None, spec)).collect();
     for kind in EffectKind::NAMED.iter().filter(|k| args.only.as_deref().is_none_or(|o| k.name() == o)) {
         for (step, lambda) in LADDER.iter().enumerate() {
             for k in 0..args.singles {

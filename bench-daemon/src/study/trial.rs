@@ -196,8 +196,8 @@ fn end(verdict: Option<Verdict>, truth: &[&str], named: &[&str], rivals: &[&str]
         Some(Verdict::Explained) if only_true => End::Part,
         Some(Verdict::Explained) if truth.iter().all(|t| named.contains(t)) && !truth.is_empty() => End::Extra,
         Some(Verdict::Explained) => End::Wrong,
-        Some(Verdict::Ambiguous) if !truth.is_empty() && truth.iter().all(|t| among(&t)) => End::Twin,
-        Some(Verdict::Ambiguous) if truth.iter().any(|t| among(&t)) => End::Part,
+        Some(Verdict::Ambiguous) if !truth.is_empty() && truth.iter().all(&among) => End::Twin,
+        Some(Verdict::Ambiguous) if truth.iter().any(among) => End::Part,
         Some(Verdict::Ambiguous) => End::Misled,
     }
 }
