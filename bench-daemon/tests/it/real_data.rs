@@ -92,7 +92,9 @@ fn p45b(set: &str) -> Option<Value> {
 fn pulses_of_p45b_relax_slower_than_its_spectra_and_do_not_tell_why() {
     let Some(d) = p45b("p45b_pulses") else { return };
     assert_eq!((d["verdict"].as_str().unwrap(), names(&d["effects"])), ("ambiguous", vec!["surface_soc"]));
-    assert_eq!(names(&d["rivals"]), ["cpe", "diffusion"]);
+    let mut rivals = names(&d["rivals"]);
+    rivals.sort_unstable();
+    assert_eq!(rivals, ["cpe", "diffusion"]);
     within(gap_mv(&d, "pulse_4"), [0.495, 0.450, 0.373]);
     within(gap_mv(&d, "pulse_6"), [0.405, 0.379, 0.297]);
     within(gap_mv(&d, "pulse_8"), [0.490, 0.443, 0.455]);
@@ -118,9 +120,9 @@ fn hysteresis_of_a123_is_found_and_not_the_whole() {
     let words = ["ocv", &down, "--charge", &up, "--mean", "--dcir-ohm", "0.031", "--low-v", "2.0", "--high-v", "3.6", "--out", "ocv"];
     run(folder.path(), &words);
     let d = diagnosis(folder.path(), "a123_lfp", &project("configs/datasets/a123_lfp/model.json"));
-    assert_eq!((d["verdict"].as_str().unwrap(), names(&d["effects"])), ("unexplained", vec!["hysteresis"]));
+    assert_eq!((d["verdict"].as_str().unwrap(), names(&d["effects"])), ("unexplained", vec!["hysteresis", "surface_soc"]));
     // Half the difference between both slow directions is 17.0 mV.
     let m_v = d["effects"][0]["parameters"][0]["value"].as_f64().unwrap();
-    assert!((m_v / 0.0156 - 1.0).abs() < 0.05, "{m_v}");
-    within(gap_mv(&d, "cycle_05"), [19.99, 17.86, 14.88]);
+    assert!((m_v / 0.0183 - 1.0).abs() < 0.05, "{m_v}");
+    within(gap_mv(&d, "cycle_05"), [19.99, 17.86, 12.58]);
 }
