@@ -15,6 +15,7 @@ impl Diagnosis {
             (!self.gap.is_empty()).then(|| 1e-3 * (sum / self.gap.len() as f64).sqrt())
         };
         let sure = match self.verdict {
+            Verdict::Explained if self.gap.is_empty() => "explained on training runs; no held-out record has seen it",
             Verdict::Explained => "explained: nothing else is missing that the data could show",
             Verdict::Ambiguous => "ambiguous: other effects would do as well",
             _ => "explains a part: something else is missing",

@@ -14,7 +14,9 @@ use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
 use super::select::{Search, Selection, excess_z};
 use super::structure::Structure;
+use super::whitening::dot;
 use crate::effects::{Effect, Facts, Scale, catalogue};
+use crate::fit::linalg::{cholesky, cholesky_substitute};
 use crate::model::Erm;
 use num_complex::Complex64;
 
@@ -62,6 +64,9 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
     let mut prepared = prepare(set, model, guards)?;
     let mut desk = Desk::default();
     let mut base = base_fit(&prepared.problem, &model.erm, &mut desk);
+    if prepared.problem.degrees_of_freedom(&base) < 1.0 {
+        return Err(DataSetError::Set { name: set.name.clone(), expected: "more training rows than the model has parameters" });
+    }
     let mut selection = search(&prepared, options).run(&base);
     let mut moved = if guards.sentinel { moved_floor(&prepared) } else { None };
     if moved.is_some() {
@@ -200,12 +205,26 @@ fn rivals(selection: &Selection) -> Vec<Rival> {
     taken.map(|(instead_of, r)| Rival { name: r.name, instead_of, score_gap: r.score_gap, discriminability: r.discriminability }).collect()
 }
 
-/// (χ² − dof)/√(2·dof) of the held-out runs, in which nothing was fitted.
+/// (χ² − dof)/√(2·dof) of the held-out runs, in which nothing was fitted, under noise and the uncertainty of the parameters:
+/// rᵀ(I + JΣJᵀ)⁻¹r = rᵀr − (Jᵀr)ᵀ(Σ⁻¹ + JᵀJ)⁻¹(Jᵀr).
 fn held_out_z(problem: &Problem, fit: &Fit, desk: &mut Desk) -> f64 {
-    let held_out: Vec<usize> = problem.of_role(Role::HeldOut).collect();
-    let rows: usize = held_out.iter().map(|k| problem.blocks[*k].rows()).sum();
-    let chi2: f64 = held_out.iter().map(|k| problem.block_chi2((&fit.structure, &fit.x), *k, desk)).sum();
-    if rows == 0 { 0.0 } else { excess_z(chi2, rows as f64) }
+    let (left, columns) = problem.held_out(fit, desk);
+    if left.is_empty() {
+        return 0.0;
+    }
+    let n = columns.len();
+    let mut information: Vec<f64> =
+        (0..n * n).map(|ij| dot(&columns[ij / n], &columns[ij % n]) + dot(&fit.columns[ij / n], &fit.columns[ij % n])).collect();
+    (0..n).for_each(|i| information[i * n + i] += 1e-8);
+    let along: Vec<f64> = columns.iter().map(|c| dot(c, &left)).collect();
+    let mut solved = along.clone();
+    let taken = if cholesky(&mut information, n) {
+        cholesky_substitute(&information, n, &mut solved);
+        dot(&along, &solved)
+    } else {
+        0.0
+    };
+    excess_z(dot(&left, &left) - taken, left.len() as f64)
 }
 
 /// Verdict, summary and notes.

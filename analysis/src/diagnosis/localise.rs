@@ -28,9 +28,9 @@ pub(super) fn localise(problem: &Problem, fit: &Fit, project: bool, desk: &mut D
         let run = &problem.blocks[k];
         let raw = raw(run, &problem.predict((&fit.structure, &fit.x), k, 1, desk));
         for (n, raw) in raw.iter().enumerate() {
-            let expected = 1.0 - tangent.basis.iter().map(|q| q[row] * q[row]).sum::<f64>();
+            let basis: Vec<f64> = tangent.basis.iter().map(|q| q[row]).collect();
             for place in places(run, n, &ranges) {
-                cells.entry(place).or_default().add(residuals[row], expected, *raw);
+                cells.entry(place).or_default().add(residuals[row], &basis, *raw);
             }
             row += 1;
         }
@@ -59,20 +59,26 @@ struct Sums {
     expected: f64,
     sum: f64,
     square: f64,
+    /// Sum of each vector of the tangent space's basis over the block.
+    along: Vec<f64>,
 }
 
 impl Sums {
-    fn add(&mut self, r: f64, expected: f64, raw: f64) {
+    fn add(&mut self, r: f64, basis: &[f64], raw: f64) {
         self.count += 1;
         self.chi2 += r * r;
-        self.expected += expected;
+        self.expected += 1.0 - basis.iter().map(|q| q * q).sum::<f64>();
+        self.along.resize(basis.len(), 0.0);
+        self.along.iter_mut().zip(basis).for_each(|(a, q)| *a += q);
         self.sum += r;
         self.square += raw * raw;
     }
 
     fn block(&self, dimension: &'static str, part: String) -> Block {
         let expected = self.expected.max(1e-9);
-        let mean_z = self.sum / expected.sqrt();
+        // Variance of the sum: 1ᵀ(I − QQᵀ)1 over the block; none is left where the model can move all of it together.
+        let variance = self.count as f64 - self.along.iter().map(|a| a * a).sum::<f64>();
+        let mean_z = if variance > 1e-6 * self.count as f64 { self.sum / variance.sqrt() } else { 0.0 };
         let p = (2.0 * chi2_tail(self.chi2, expected).min(deviate_tail(mean_z.abs(), None))).min(1.0);
         let rms = 1e3 * (self.square / self.count as f64).sqrt();
         Block { dimension, part, count: self.count, chi2: self.chi2, expected_chi2: self.expected, mean_z, p_value: p, rms }

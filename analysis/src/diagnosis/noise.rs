@@ -269,6 +269,14 @@ pub(super) struct Estimate {
     pub(super) repeats: usize,
 }
 
+impl Prior {
+    /// Variance of one voltage sample that no estimate touches: codes of both channels and noise of the current, V².
+    pub(super) fn sample_variance(&self, base: &Base) -> f64 {
+        let h = &self.history;
+        (h.voltage_resolution_v * UNIFORM).powi(2) + (h.current_noise_a * base.erm.r_ohm).powi(2)
+    }
+}
+
 impl Estimate {
     /// Variance of a term.
     pub(super) fn variance(&self, term: Term) -> f64 {
@@ -278,11 +286,12 @@ impl Estimate {
 
 /// σ's from the repeats among blocks; `residuals` are measured less predicted rows of each block.
 pub(super) fn estimate(blocks: &[Block], shapes: &[Shape], residuals: &[Vec<f64>], prior: &Prior) -> Estimate {
-    let mut members: BTreeMap<(&str, usize), Vec<usize>> = BTreeMap::new();
+    // Only what was measured in the same way of the same thing repeats.
+    let mut members: BTreeMap<(&str, usize, bool, bool), Vec<usize>> = BTreeMap::new();
     for (k, b) in blocks.iter().enumerate() {
-        members.entry((&b.group, b.rows())).or_default().push(k);
+        members.entry((&b.group, b.rows(), matches!(b.kind, Kind::Eis { .. }), b.at.is_cell)).or_default().push(k);
     }
-    let most = |eis: bool| members.values().filter(|m| matches!(blocks[m[0]].kind, Kind::Eis { .. }) == eis).map(Vec::len).max();
+    let most = |eis: bool| members.iter().filter(|(key, _)| key.2 == eis && key.3).map(|(_, m)| m.len()).max();
     let repeats = most(true).into_iter().chain(most(false)).min().unwrap_or(0);
     let mut groups: Vec<Group<'_>> = members
         .values()

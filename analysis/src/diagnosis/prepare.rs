@@ -1,7 +1,7 @@
 //! From a data set and a model to a problem: facts, blocks, noise.
 
 use super::block::{Block, DataSetError, Desk, Kind};
-use super::data::{DataSet, Fixture, Role, RunData, Start};
+use super::data::{DataSet, Fixture, Role, Run, RunData, Start};
 use super::experiment::PlannedRun;
 use super::guards::Guards;
 use super::noise::{Estimate, Prior, Shape, Term, estimate};
@@ -42,8 +42,7 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
         return Err(DataSetError::Set { name: set.name.clone(), expected: "at least one training run" });
     }
     let base = Base { erm: model.erm.clone(), ocv: model.ocv.clone(), facts: facts(set, &model.ocv) };
-    let mut blocks = set.runs.iter().map(|r| Block::new(r, &base)).collect::<Result<Vec<Block>, DataSetError>>()?;
-    blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
+    let blocks = blocks(set, &base)?;
     let prior = Prior::new(set.history, &base);
     let mut desk = Desk::default();
     let mut shapes: Vec<Shape> = blocks.iter().map(|b| Shape::new(b, &base, &prior, &mut desk)).collect();
@@ -60,8 +59,17 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
         .collect();
     let estimate = estimate(&blocks, &shapes, &residuals, &prior);
     let (whiteners, floors) = weigh(&blocks, &shapes, &estimate)?;
-    let sample_noise_v = estimate.log_sigmas[Term::White as usize].exp();
+    let sample_noise_v = (estimate.variance(Term::White) + prior.sample_variance(&base)).sqrt();
     Ok(Prepared { problem: Problem { base, blocks, whiteners, floors }, estimate, prior, sample_noise_v })
+}
+
+/// The blocks in the order of time, counted from the first: where a campaign's numbers begin says nothing of the cell.
+fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
+    let first = set.runs.iter().map(|r| r.order).min().unwrap_or(0);
+    let counted = |r: &Run| Block::new(&Run { order: r.order - first, ..r.clone() }, base);
+    let mut blocks = set.runs.iter().map(counted).collect::<Result<Vec<Block>, DataSetError>>()?;
+    blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
+    Ok(blocks)
 }
 
 /// Whitener and standard deviations of every block.
@@ -96,15 +104,14 @@ impl Prepared {
             .collect();
         self.estimate = estimate(&problem.blocks, &shapes, &residuals, &self.prior);
         (problem.whiteners, problem.floors) = weigh(&problem.blocks, &shapes, &self.estimate)?;
-        self.sample_noise_v = self.estimate.log_sigmas[Term::White as usize].exp();
+        self.sample_noise_v = (self.estimate.variance(Term::White) + self.prior.sample_variance(&self.problem.base)).sqrt();
         Ok(self)
     }
 
     /// The same problem with other measurements of the same campaign, under the noise found.
     pub(super) fn with_runs(mut self, set: &DataSet) -> Result<Self, DataSetError> {
         let problem = &mut self.problem;
-        problem.blocks = set.runs.iter().map(|r| Block::new(r, &problem.base)).collect::<Result<Vec<Block>, DataSetError>>()?;
-        problem.blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
+        problem.blocks = blocks(set, &problem.base)?;
         let mut desk = Desk::default();
         let shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
         (problem.whiteners, problem.floors) = weigh(&problem.blocks, &shapes, &self.estimate)?;

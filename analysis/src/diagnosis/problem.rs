@@ -13,6 +13,8 @@ use crate::model::Erm;
 const ITERATIONS: usize = 40;
 /// A fit ends when less χ² than this is promised.
 const PROMISE: f64 = 2e-3;
+/// Information given to a coordinate in any case: a move by 1 changes the prediction by less than 1e-4 standard deviations.
+const UNMOVED: f64 = 1e-8;
 /// Longest move of one coordinate.
 const LONGEST_STEP: f64 = 1.0;
 
@@ -105,6 +107,21 @@ impl Problem {
         let mut all = Vec::with_capacity(self.training_rows());
         self.of_role(role).for_each(|k| self.whiteners[k].apply(&self.blocks[k].measured, &mut all));
         all
+    }
+
+    /// Whitened residuals of the held-out rows, and derivatives of their prediction, one column per coordinate.
+    pub(super) fn held_out(&self, fit: &Fit, desk: &mut Desk) -> (Vec<f64>, Vec<Vec<f64>>) {
+        let predicted = self.whitened_of(Role::HeldOut, (&fit.structure, &fit.x), desk);
+        let left = self.target_of(Role::HeldOut).iter().zip(&predicted).map(|(t, p)| t - p).collect();
+        let column = |k: usize| {
+            let mut x = fit.x.clone();
+            let axis = &fit.axes[k];
+            let step = if x[k] + axis.step > axis.upper { -axis.step } else { axis.step };
+            x[k] += step;
+            let moved = self.whitened_of(Role::HeldOut, (&fit.structure, &x), desk);
+            moved.iter().zip(&predicted).map(|(m, p)| (m - p) / step).collect()
+        };
+        (left, (0..fit.x.len()).map(column).collect())
     }
 
     /// Whitened prediction of the training rows of a fit.
@@ -240,7 +257,9 @@ impl Fit {
     /// Covariance of the coordinates, row-major; none where the data do not fix them.
     pub(super) fn covariance(&self) -> Option<Vec<f64>> {
         let n = self.x.len();
-        let information: Vec<f64> = (0..n * n).map(|ij| dot(&self.columns[ij / n], &self.columns[ij % n])).collect();
+        let mut information: Vec<f64> = (0..n * n).map(|ij| dot(&self.columns[ij / n], &self.columns[ij % n])).collect();
+        // A coordinate that moves nothing must not take the uncertainty of all others away.
+        (0..n).for_each(|i| information[i * n + i] += UNMOVED);
         invert(&information, n)
     }
 

@@ -18,6 +18,9 @@ const MOST_REFUSED: usize = 3;
 /// χ² that a shape at its bound must gain over a held one to be believed.
 const DRIFT: f64 = 12.0;
 
+/// Effects that contain another one as a special case, with that one.
+const GENERALISES: [(&str, &str); 2] = [("butler_volmer_asymmetric", "butler_volmer"), ("inductance_lossy", "inductance")];
+
 /// A fitted addition.
 #[derive(Debug, Clone)]
 pub(super) struct Attempt {
@@ -108,6 +111,10 @@ impl Search<'_> {
                 }
             }
             if first {
+                if let Some((taken, _)) = &accepted {
+                    let rest = ranking.iter_mut().filter(|c| c.name != taken.name && c.refused_because.is_empty());
+                    rest.for_each(|c| c.refused_because = "another explains more".to_owned());
+                }
                 selection.ranking = ranking;
             }
             let Some((attempt, evidence)) = accepted else { break };
@@ -274,17 +281,8 @@ impl Search<'_> {
         let n = after.x.len();
         let (Some(covariance), true) = (after.covariance(), size > 1e-6) else { return 0.0 };
         u.iter_mut().for_each(|u| *u /= size);
-        let left: Vec<f64> = problem.target_of(Role::HeldOut).iter().zip(&new).map(|(t, p)| t - p).collect();
-        let along: Vec<f64> = (0..n)
-            .map(|k| {
-                let mut x = after.x.clone();
-                let axis = &after.axes[k];
-                let step = if x[k] + axis.step > axis.upper { -axis.step } else { axis.step };
-                x[k] += step;
-                let moved = problem.whitened_of(Role::HeldOut, (&after.structure, &x), &mut self.desk);
-                moved.iter().zip(&new).zip(&u).map(|((m, p), u)| u * (m - p)).sum::<f64>() / step
-            })
-            .collect();
+        let (left, columns) = problem.held_out(after, &mut self.desk);
+        let along: Vec<f64> = columns.iter().map(|c| dot(&u, c)).collect();
         let spread: f64 = (0..n * n).map(|ij| along[ij / n] * along[ij % n] * covariance[ij]).sum();
         let along = dot(&u, &left);
         let beyond = (along.abs() - HELD_OUT_SHARE * size).max(0.0).copysign(along);
@@ -362,12 +360,16 @@ impl Search<'_> {
         let start = selection.fit.clone();
         for (k, name) in names.iter().enumerate() {
             let without = self.refit_without(&start, &selection.fit, k);
+            // What came later may have taken a share of it.
+            selection.taken[k].evidence.lambda = without.chi2 - selection.fit.chi2;
             let member = &selection.fit.structure.members[k];
             let (attempts, _) = self.attempts(&without, Some(name));
             let own = without.chi2 - selection.fit.chi2 - self.penalty(member.free(), member.choices());
             for other in attempts {
                 let gap = other.score - own;
-                if gap < -NAMING_LEAD || names.contains(&other.name) {
+                // What contains the named effect as a special case fits as well by necessity: it has to be better than that.
+                let least = if GENERALISES.contains(&(other.name, *name)) { 0.0 } else { -NAMING_LEAD };
+                if gap < least || names.contains(&other.name) {
                     continue;
                 }
                 let index = other.fit.structure.members.len() - 1;

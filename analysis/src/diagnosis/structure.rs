@@ -36,13 +36,13 @@ impl Member {
         self.effect.card().name
     }
 
-    /// The same with all shapes held where they start.
+    /// The same with all shapes held where they start; their grid counts as a choice.
     pub(super) fn frozen(&self) -> Self {
         let mut held = self.clone();
         held.choice = self.start.clone();
-        for (p, start) in held.parameters.iter_mut().zip(&self.start).skip(1) {
+        for p in held.parameters.iter_mut().skip(1) {
             if p.scale == Scale::Log {
-                (p.scale, p.starts) = (Scale::Choice, vec![*start]);
+                p.scale = Scale::Choice;
             }
         }
         held

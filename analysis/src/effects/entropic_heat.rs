@@ -10,7 +10,7 @@ static CARD: Card = Card {
     state_equation: "C·dΔT/dt = i·η − i·T·dU/dT − C·ΔT/τ, V += dU/dT·ΔT; dU/dT in V/K, C in J/K about 14.8 per Ah (70 g of 950 J/(kg·K) at 4.5 Ah), τ in s; what the heat does to resistances is self_heating's",
     impedance: "none within the band",
     source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, with the reversible term; heat capacity of a P45B cell",
-    signature: "a slow shift of the voltage with the heat received, which lasts for minutes at rest and is the same for charge and discharge",
+    signature: "a slow shift of the voltage with the heat received, which lasts for minutes at rest; Joule's part is the same for charge and discharge, the reversible part changes its sign",
     confounders: &["self_heating", "thermal_emf", "ocv_curvature", "hysteresis"],
     experiment: "bursts without net charge and a rest; open-circuit voltage at two temperatures",
 };

@@ -202,7 +202,7 @@ mod tests {
         for (text, expected) in [
             ("\n[eis]\npoints = \"x\"\n", "a.toml:3: eis.points: invalid type"),
             ("[eis]\npoints = 2\npionts = 3\n", "a.toml:3: eis.pionts: unknown field"),
-            ("[eis]\npoints = 2\n[[traces]]\npoints = 2\n[[traces]]\n\npoints = true\n", "a.toml:7: traces.points: invalid type"),
+            ("[eis]\npoints = 2\n[[traces]]\npoints = 2\n[[traces]]\n\npoints = true\n", "a.toml:7: traces.2.points: invalid type"),
             ("[eis\n", "a.toml:1: (syntax)"),
             ("[eis]\n", "a.toml:1: eis: missing field `points`"),
         ] {

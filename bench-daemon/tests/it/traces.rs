@@ -210,7 +210,7 @@ fn mistakes_in_traces_are_named() {
         ("name = \"pulses\"", "name = \"a pulse\"", "traces.name: expected a name of letters, digits, `-` and `_`, found \"a pulse\""),
         ("\"-5 A\"", "\"-25 A\"", "traces.pulses.segments: expected -20 A to 20 A, found -25 A"),
         ("\"12 s\"", "\"100 ms\"", "traces.pulses.segments: expected 0.5 s to 86400 s, found 0.1 s"),
-        ("\"held_out\"", "\"test\"", "traces.role: unknown variant `test`, expected `train` or `held_out`"),
+        ("\"held_out\"", "\"test\"", "traces.1.role: unknown variant `test`, expected `train` or `held_out`"),
         (
             "\"3.77 V\", \"3.83 V\"",
             "\"3.83 V\", \"3.77 V\"",
