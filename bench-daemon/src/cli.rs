@@ -32,6 +32,8 @@ Examples:
     eis-bench ocv DISCHARGE.csv --out FOLDER
   The model from spectra and pulses together:
     eis-bench joint --spectra CELL*.csv --series PULSES.csv --ocv-from DISCHARGE.csv --out FOLDER
+  What the model lacks that a campaign shows:
+    eis-bench diagnose DATASET --model FOLDER/model.json --out FOLDER
   What a pack can give and take, and for how long:
     eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015
     eis-bench sop --model FOLDER/model_4rc.json --series 16 --parallel 3 --ocv-v 3.6
@@ -79,6 +81,10 @@ enum Command {
     Simulate(command::simulate::SimulateArgs),
     /// Fit the model to spectra and pulses together; say by how much the spectra alone miss the pulses.
     Joint(command::joint::JointArgs),
+    /// Find where a model and a data set disagree, which effect is missing, and whether adding it closes the gap.
+    Diagnose(command::diagnose::DiagnoseArgs),
+    /// Print the catalogue of effects that a model may lack.
+    Effects(command::effects::EffectsArgs),
     /// State of power: the most power that can be held, over duration and state of charge.
     Sop(command::sop::SopArgs),
     /// Blind study of the diagnosis: effects hidden by the simulation, diagnosed without labels, scored.
@@ -191,6 +197,8 @@ pub fn main() -> ExitCode {
         Command::Ocv(args) => command::ocv::ocv(&args),
         Command::Simulate(args) => command::simulate::simulate(&args),
         Command::Joint(args) => command::joint::joint(&args),
+        Command::Diagnose(args) => command::diagnose::diagnose(&args),
+        Command::Effects(args) => command::effects::effects(&args),
         Command::Sop(args) => command::sop::sop(&args),
         Command::Study(args) => command::study::study(&args),
     };
@@ -213,8 +221,23 @@ mod tests {
     fn the_command_line_is_sound_and_its_help_teaches() {
         Cli::command().debug_assert();
         let help = Cli::command().render_long_help().to_string();
-        for text in ["run", "plan", "mock", "identify", "fit", "kk", "ocv", "joint", "simulate", "pack", "sop", "Examples:", "Exit codes:"]
-        {
+        for text in [
+            "run",
+            "plan",
+            "mock",
+            "identify",
+            "fit",
+            "kk",
+            "ocv",
+            "joint",
+            "diagnose",
+            "effects",
+            "simulate",
+            "pack",
+            "sop",
+            "Examples:",
+            "Exit codes:",
+        ] {
             assert!(help.contains(text), "{help}");
         }
     }

@@ -7,6 +7,7 @@ use analysis::{
     effects::Group,
     fit::ModelFile,
     forward::{OcvSource, SimModel},
+    ocv::OcvCurve,
     pack::Pack,
     plot::{self, Chart, PlotError},
 };
@@ -41,6 +42,15 @@ pub(super) fn addition_notes(file: &ModelFile) -> Vec<String> {
         notes.push(format!("left out, because the bench did it and not the cell: {}", bench.join("; ")));
     }
     notes
+}
+
+/// Reads an OCV curve as `ocv --out` writes it.
+pub(super) fn read_curve(path: &Path) -> Result<OcvCurve, Failure> {
+    let fail = |reason: String| Failure::Usage(format!("{}: {reason}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| fail(error.to_string()))?;
+    let curve: OcvCurve = serde_json::from_str(&text).map_err(|error| fail(format!("expected an OCV curve as JSON: {error}")))?;
+    curve.validate().map_err(|error| fail(error.to_string()))?;
+    Ok(curve)
 }
 
 /// Makes the folder of `--out` if need be.

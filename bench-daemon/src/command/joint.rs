@@ -114,11 +114,7 @@ fn spectra(files: &[PathBuf]) -> Result<Vec<SourcedSpectrum>, Failure> {
 
 fn curve(args: &JointArgs) -> Result<(OcvCurve, String), Failure> {
     if let Some(path) = &args.ocv {
-        let fail = |reason: String| Failure::Usage(format!("{}: {reason}", path.display()));
-        let text = std::fs::read_to_string(path).map_err(|error| fail(error.to_string()))?;
-        let curve: OcvCurve = serde_json::from_str(&text).map_err(|error| fail(format!("expected an OCV curve as JSON: {error}")))?;
-        curve.validate().map_err(|error| fail(error.to_string()))?;
-        return Ok((curve, path.display().to_string()));
+        return Ok((files::read_curve(path)?, path.display().to_string()));
     }
     let path = args.ocv_from.as_deref().ok_or_else(|| Failure::Usage("expected --ocv or --ocv-from".to_owned()))?;
     let discharge = ocv::read(path, args.positive)?;

@@ -1,5 +1,7 @@
 //! What the command line does, one file per command.
 
+pub mod diagnose;
+pub mod effects;
 mod files;
 pub mod fit;
 pub mod fit_circuit;

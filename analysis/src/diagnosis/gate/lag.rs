@@ -12,6 +12,8 @@ use crate::augmented::Between;
 const TRIED_S: (f64, f64, usize) = (1e-3, 10.0, 41);
 /// A lag is believed where it leaves less than this share of the squares.
 const SHARE_LEFT: f64 = 0.3;
+/// The delayed voltage must be explained by the prediction but for this share of its squares: else it is something else that is wrong.
+const UNEXPLAINED: f64 = 0.1;
 /// A record lags alone where it does so this many times more than its like.
 const TIMES_OTHERS: f64 = 3.0;
 
@@ -59,13 +61,13 @@ fn interval_s(record: &TimeRecord) -> f64 {
 
 /// The lag that explains most of what the prediction misses, s; zero where none explains much.
 fn lag_s(record: &TimeRecord, expected_v: &[f64], noise_v: f64) -> f64 {
-    let now = squares(&record.series.voltage_v, expected_v);
+    let (now, _) = squares(&record.series.voltage_v, expected_v);
     let floor = noise_v * noise_v * expected_v.len() as f64;
     let (low, high, count) = TRIED_S;
     let tried = (0..count).map(|k| low * (high / low).powf(k as f64 / (count - 1) as f64));
-    let best = tried.map(|tau_s| (tau_s, squares(&delayed(record, tau_s), expected_v))).min_by(|a, b| a.1.total_cmp(&b.1));
+    let best = tried.map(|tau_s| (tau_s, squares(&delayed(record, tau_s), expected_v))).min_by(|a, b| a.1.0.total_cmp(&b.1.0));
     match best {
-        Some((tau_s, left)) if now > 4.0 * floor && left < SHARE_LEFT * now => tau_s,
+        Some((tau_s, (left, whole))) if now > 4.0 * floor && left < SHARE_LEFT * now && left < UNEXPLAINED * whole => tau_s,
         _ => 0.0,
     }
 }
@@ -92,12 +94,12 @@ fn delayed(record: &TimeRecord, tau_s: f64) -> Vec<f64> {
     all
 }
 
-/// Squares that a + b·expected leaves: level and resistance may differ.
-fn squares(voltage_v: &[f64], expected_v: &[f64]) -> f64 {
+/// Squares that a + b·expected leaves, for level and resistance may differ, and those of the voltage about its mean.
+fn squares(voltage_v: &[f64], expected_v: &[f64]) -> (f64, f64) {
     let n = voltage_v.len() as f64;
     let mean = |all: &[f64]| all.iter().sum::<f64>() / n;
     let (mv, me) = (mean(voltage_v), mean(expected_v));
     let pairs = || voltage_v.iter().zip(expected_v).map(|(v, e)| (v - mv, e - me));
     let (vv, ve, ee) = pairs().fold((0.0, 0.0, 0.0), |(a, b, c), (v, e)| (a + v * v, b + v * e, c + e * e));
-    if ee > 0.0 { (vv - ve * ve / ee).max(0.0) } else { vv }
+    (if ee > 0.0 { (vv - ve * ve / ee).max(0.0) } else { vv }, vv)
 }

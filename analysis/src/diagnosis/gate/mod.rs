@@ -8,6 +8,7 @@ mod clip;
 mod current;
 mod expected;
 mod lag;
+mod refusal;
 mod repeats;
 mod spectrum;
 mod structure;
@@ -19,6 +20,7 @@ use serde::Serialize;
 use std::fmt;
 
 pub use expected::{Expected, Prediction};
+pub use refusal::diagnose_gated;
 
 /// What was found wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -30,7 +32,7 @@ pub enum Check {
     Empty,
     /// Numbers that are not finite.
     NotFinite,
-    /// Times that do not rise.
+    /// Times that do not rise, or jump.
     TimesGoBack,
     /// Volts, amperes or ohms in thousandths or thousands.
     Unit,
@@ -83,12 +85,32 @@ pub struct GateReport {
     pub notes: Vec<String>,
 }
 
+/// One check over the runs that passed those before it.
+type CheckFn = fn(&Inspection<'_>) -> Findings;
+
+/// A lagging current is not that of its repeats, a clipped or foreign voltage may look delayed: the narrower check comes first.
+const CHECKS: [CheckFn; 10] = [
+    structure::check,
+    units::check,
+    spectrum::check,
+    clip::check,
+    swapped::by_content,
+    lag::check,
+    swapped::by_current,
+    repeats::truncated,
+    repeats::clock,
+    repeats::check,
+];
+
 /// Checks a data set against what the base model expects of it.
 ///
 /// A run that fails one check is not put to the next: it would fail for the same cause under another name.
 pub fn gate(set: &DataSet, expected: &Expected) -> GateReport {
-    let checks: [fn(&Inspection<'_>) -> Findings; 8] =
-        [structure::check, units::check, spectrum::check, lag::check, clip::check, swapped::check, repeats::truncated, repeats::check];
+    run(set, expected, &CHECKS)
+}
+
+/// The gate of some checks.
+fn run(set: &DataSet, expected: &Expected, checks: &[CheckFn]) -> GateReport {
     let mut report = GateReport::default();
     for check in checks {
         let bad = |name: &String| report.invalid.iter().any(|reason| reason.runs.contains(name));

@@ -9,6 +9,10 @@ const WHOLE: f64 = 0.9;
 const FLOWS: f64 = 0.05;
 /// Standard deviations of the history beyond which a repeat is none. Ageing over a campaign stays well below.
 const FAR_OFF: f64 = 20.0;
+/// A step of time is odd where it differs by this share and this many seconds, and a jump of the clock where no more than so many do.
+const ODD_STEP: f64 = 0.1;
+const ODD_STEP_S: f64 = 5e-3;
+const MOST_ODD: usize = 3;
 /// Share of the samples that may differ by more: edges need not fall on the same instant.
 const AT_EDGES: f64 = 0.05;
 
@@ -48,6 +52,33 @@ fn cut_record(own: &TimeRecord, theirs: &TimeRecord) -> Option<String> {
 fn cut_sweep(own: &Subject<'_>, other: &Subject<'_>) -> Option<String> {
     let (own, theirs) = (own.sweep()?.0.points.len(), other.sweep()?.0.points.len());
     ((own as f64) < WHOLE * theirs as f64).then(|| format!("it holds {own} points, its repeats {theirs}: cut off"))
+}
+
+/// A clock that jumps by less than the distance of two samples: their number is that of the repeats, and all steps but one or few are.
+pub(super) fn clock(at: &Inspection<'_>) -> Findings {
+    let mut found = Findings::default();
+    for subject in &at.runs {
+        let Some((own, _)) = subject.record() else { continue };
+        let theirs: Vec<Vec<usize>> = repeats(at, subject).filter_map(|other| odd_steps(own, other.record()?.0)).collect();
+        let Some((first, rest)) = theirs.split_first() else { continue };
+        // Of two runs, neither is known to be the right one.
+        if let Some(k) = first.first().filter(|_| !rest.is_empty() && rest.iter().all(|odd| odd == first)) {
+            let time_s = &own.series.time_s;
+            let step_s = time_s[k + 1] - time_s[*k];
+            let text = format!("after {:.2} s its clock jumps: a step of {step_s:.3} s is none in any of its repeats", time_s[*k]);
+            found.add(Check::TimesGoBack, subject.run, text);
+        }
+    }
+    found
+}
+
+/// Steps of time that differ from the repeat's; none where the numbers of samples do, or more than a few steps.
+fn odd_steps(own: &TimeRecord, theirs: &TimeRecord) -> Option<Vec<usize>> {
+    let steps = |r: &TimeRecord| r.series.time_s.windows(2).map(|w| w[1] - w[0]).collect::<Vec<f64>>();
+    let (own, theirs) = (steps(own), steps(theirs));
+    let odd = |k: &usize| (own[*k] - theirs[*k]).abs() > ODD_STEP * own[*k].max(theirs[*k]) + ODD_STEP_S;
+    let all: Vec<usize> = if own.len() == theirs.len() { (0..own.len()).filter(odd).collect() } else { return None };
+    (all.len() <= MOST_ODD).then_some(all)
 }
 
 pub(super) fn check(at: &Inspection<'_>) -> Findings {

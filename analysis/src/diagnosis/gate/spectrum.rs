@@ -30,11 +30,9 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         let large = worst > LEAST_PERCENT.max(LEAST_SIGMAS * kk.noise_percent);
         let small_end = (left_out as f64) < END_OF_BAND * kk.points.len() as f64;
         match kk.outcome {
-            KkOutcome::SignSwapped if large => {
-                let text = "its imaginary part has the wrong sign: with the other it obeys Kramers–Kronig".to_owned();
-                found.add(Check::Sign, subject.run, text);
-            }
-            KkOutcome::Disagrees | KkOutcome::PartOfBand if large && !(kk.outcome == KkOutcome::PartOfBand && small_end) => {
+            KkOutcome::Disagrees | KkOutcome::SignSwapped | KkOutcome::PartOfBand
+                if large && !(kk.outcome == KkOutcome::PartOfBand && small_end) =>
+            {
                 let text = format!(
                     "it violates the Kramers–Kronig relations by up to {worst:.1} % of |Z| at a noise of {:.2} %: the cell drifted or was not at rest",
                     kk.noise_percent

@@ -16,14 +16,15 @@ const OTHER_EXPLAINS: f64 = 0.9;
 const FAR: f64 = 0.15;
 const CLOSER: f64 = 0.3;
 
-pub(super) fn check(at: &Inspection<'_>) -> Findings {
-    let mut found = Findings::default();
-    for subject in &at.runs {
-        if let Some(reason) = by_current(at, subject).or_else(|| by_voltage(at, subject)).or_else(|| by_spectrum(at, subject)) {
-            found.invalid.push(reason);
-        }
-    }
-    found
+/// A voltage or a spectrum that is another run's.
+pub(super) fn by_content(at: &Inspection<'_>) -> Findings {
+    let reasons = at.runs.iter().filter_map(|subject| of_voltage(at, subject).or_else(|| of_spectrum(at, subject)));
+    Findings { invalid: reasons.collect(), notes: Vec::new() }
+}
+
+/// A current that is not that of the run's repeats.
+pub(super) fn by_current(at: &Inspection<'_>) -> Findings {
+    Findings { invalid: at.runs.iter().filter_map(|subject| of_current(at, subject)).collect(), notes: Vec::new() }
 }
 
 fn reason(subject: &Subject<'_>, check: Check, text: String) -> Option<Reason> {
@@ -38,7 +39,7 @@ fn records<'a>(at: &'a Inspection<'_>, subject: &'a Subject<'_>, same_group: boo
     at.runs.iter().filter(like).filter_map(|other| Some((other.run.name.as_str(), other.record()?.0)))
 }
 
-fn by_current(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
+fn of_current(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
     let (record, _) = subject.record()?;
     let closest = |same_group: bool| {
         records(at, subject, same_group)
@@ -70,7 +71,7 @@ fn explained(voltage_v: &[f64], expected_v: &[f64]) -> f64 {
     if ve > 0.0 && vv > 0.0 && ee > 0.0 { ve * ve / (vv * ee) } else { 0.0 }
 }
 
-fn by_voltage(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
+fn of_voltage(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
     let (record, expected_v) = subject.record()?;
     let voltage_v = &record.series.voltage_v;
     if explained(voltage_v, expected_v) > OWN_EXPLAINS {
@@ -105,7 +106,7 @@ fn interpolated(time_s: &[f64], values: &[f64], at_s: f64) -> Option<f64> {
     Some(values[k - 1] + part * (values[k] - values[k - 1]))
 }
 
-fn by_spectrum(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
+fn of_spectrum(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
     let (sweep, expected) = subject.sweep()?;
     let measured: Vec<Complex64> = sweep.points.iter().map(|p| p.z_ohm).collect();
     let own = distance(&measured, expected);

@@ -1,7 +1,7 @@
 mod sim;
 
 use super::{Check, Expected, GateReport, gate};
-use crate::diagnosis::DataSet;
+use crate::diagnosis::{DataSet, Verdict};
 use num_complex::Complex64;
 use sim::{Hidden, campaign, exchange, model, points, series};
 use std::f64::consts::TAU;
@@ -40,6 +40,12 @@ const DAMAGES: &[(&str, Damage, Check, &str)] = &[
     ("not a number", |s| series(s, "discharge_0").voltage_v[40] = f64::NAN, Check::NotFinite, "discharge_0"),
     ("infinite impedance", |s| points(s, "eis_1")[3].z_ohm.im = f64::INFINITY, Check::NotFinite, "eis_1"),
     ("time back", |s| series(s, "profile_1").time_s.iter_mut().skip(50).for_each(|t| *t -= 2.0), Check::TimesGoBack, "profile_1"),
+    (
+        "a clock that jumps between two samples",
+        |s| series(s, "discharge_1").time_s.iter_mut().skip(200).for_each(|t| *t -= 0.5),
+        Check::TimesGoBack,
+        "discharge_1",
+    ),
     ("mA", |s| series(s, "pulse_0").current_a.iter_mut().for_each(|i| *i *= 1e3), Check::Unit, "pulse_0"),
     ("kA", |s| series(s, "discharge_0").current_a.iter_mut().for_each(|i| *i /= 1e3), Check::Unit, "discharge_0"),
     ("mV", |s| series(s, "profile_2").voltage_v.iter_mut().for_each(|v| *v *= 1e3), Check::Unit, "profile_2"),
@@ -122,6 +128,82 @@ fn damage_is_found_and_named() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
+/// Without any one of the checks, some damage is no longer found under its name.
+#[test]
+fn each_check_is_needed() {
+    let clean = campaign(&Hidden::default(), 1);
+    let damaged: Vec<_> = DAMAGES
+        .iter()
+        .map(|(_, damage, check, run)| {
+            let mut set = clean.clone();
+            damage(&mut set);
+            let expected = Expected::new(&set, &model());
+            (set, expected, *check, *run)
+        })
+        .collect();
+    for left_out in 0..super::CHECKS.len() {
+        let mut checks = super::CHECKS.to_vec();
+        checks.remove(left_out);
+        let missed = damaged.iter().any(|(set, expected, check, run)| {
+            let invalid = super::run(set, expected, &checks).invalid;
+            !invalid.iter().any(|reason| reason.check == *check && reason.runs == [*run])
+        });
+        assert!(missed, "check {left_out} finds nothing of its own");
+    }
+}
+
+#[test]
+fn reasons_name_run_and_numbers() {
+    let mut set = campaign(&Hidden::default(), 1);
+    series(&mut set, "pulse_0").current_a.iter_mut().for_each(|i| *i *= 1e3);
+    lag(&mut set, "discharge_1", 1.5);
+    series(&mut set, "profile_1").time_s[1] = 0.0;
+    let texts: Vec<String> = look(&set).invalid.iter().map(ToString::to_string).collect();
+    let [back, unit, late] = texts.as_slice() else { panic!("{texts:?}") };
+    assert_eq!(back, "profile_1: its times go back: after 0 s comes 0 s (sample 2)");
+    assert!(
+        unit.starts_with("pulse_0: steps of its current meet ") && unit.ends_with(" mΩ where 9.19 mΩ are expected: mA for A?"),
+        "{unit}"
+    );
+    assert!(
+        late.starts_with("discharge_1: its logged current lags by 1.")
+            && late.ends_with(" s behind the voltage, the other records' does not"),
+        "{late}"
+    );
+}
+
+#[test]
+fn what_was_let_pass_is_noted() {
+    let slow = Hidden { lag_s: 1.5, ..Hidden::default() };
+    let notes = look(&campaign(&slow, 1)).notes;
+    assert!(notes.len() == 1 && notes[0].starts_with("the logged current of 9 records lags behind the voltage, by 1."), "{notes:?}");
+}
+
+#[test]
+fn without_history_the_rest_still_works() {
+    let mut set = campaign(&Hidden::default(), 1);
+    set.history = None;
+    assert_eq!(look(&set), GateReport::default());
+    series(&mut set, "pulse_0").current_a.iter_mut().for_each(|i| *i = -*i);
+    clip(&mut set, "discharge_1", 0.4);
+    drift(&mut set, "eis_1", 0.15);
+    let expected = [(Check::Sign, "pulse_0"), (Check::KramersKronig, "eis_1"), (Check::Clipped, "discharge_1")];
+    assert_eq!(found(&set), expected.map(|(check, run)| (check, run.to_owned())));
+}
+
+#[test]
+fn refused_data_end_as_invalid() {
+    let mut set = campaign(&Hidden::default(), 1);
+    let unreadable = vec![super::Reason::unreadable("lost", "no such bytes")];
+    let clean = super::diagnose_gated(&set, unreadable, &model(), &Default::default()).unwrap().diagnosis;
+    assert_eq!((clean.verdict, clean.summary.as_str()), (Verdict::Invalid, "The data cannot be used. lost: no such bytes."));
+    clip(&mut set, "pulse_2", 0.4);
+    let refused = super::diagnose_gated(&set, Vec::new(), &model(), &Default::default()).unwrap().diagnosis;
+    assert!(refused.verdict == Verdict::Invalid && refused.summary.contains("pulse_2: its voltage is clipped"), "{}", refused.summary);
+    let json = serde_json::to_value(&refused).unwrap();
+    assert_eq!((&json["verdict"], &json["quality"]["base_chi2"]), (&"invalid".into(), &serde_json::Value::Null));
+}
+
 #[test]
 fn clean_campaigns_pass() {
     for seed in 0..12 {
@@ -134,8 +216,6 @@ fn clean_campaigns_pass() {
 #[test]
 fn hidden_effects_pass() {
     let spectrum = |more: fn(f64, Complex64) -> Complex64| Hidden { spectrum: Some(more), ..Hidden::default() };
-    let j = Complex64::i();
-    let _ = j;
     let cases: Vec<(&str, Hidden)> = vec![
         ("heat", Hidden { heat: true, ..Hidden::default() }),
         ("hysteresis", Hidden { hysteresis_v: 0.02, ..Hidden::default() }),

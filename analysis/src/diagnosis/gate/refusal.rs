@@ -1,0 +1,53 @@
+//! The workflow behind the gate.
+
+use super::super::data::DataSet;
+use super::super::outcome::{DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, Quality, Verdict};
+use super::super::{BaseModel, DataSetError, DiagnosisOptions, Outcome, diagnose};
+use super::{Expected, Reason, gate};
+
+/// Diagnoses a data set if the gate lets it pass; else the verdict is [`Verdict::Invalid`]. `unreadable` are the runs that no data could be read of.
+///
+/// # Errors
+/// [`DataSetError`] as [`diagnose`], of data that the gate let pass.
+pub fn diagnose_gated(
+    set: &DataSet,
+    unreadable: Vec<Reason>,
+    model: &BaseModel,
+    options: &DiagnosisOptions,
+) -> Result<Outcome, DataSetError> {
+    let report = gate(set, &Expected::new(set, model));
+    let reasons: Vec<Reason> = unreadable.into_iter().chain(report.invalid).collect();
+    if !reasons.is_empty() {
+        return Ok(Outcome { diagnosis: refused(set, model, &reasons, report.notes), curves: Vec::new() });
+    }
+    let mut outcome = diagnose(set, model, options)?;
+    outcome.diagnosis.notes.extend(report.notes);
+    Ok(outcome)
+}
+
+fn refused(set: &DataSet, model: &BaseModel, reasons: &[Reason], notes: Vec<String>) -> Diagnosis {
+    let sentences: String = reasons.iter().map(|reason| format!(" {reason}.")).collect();
+    // Not a number is written as null: nothing was fitted.
+    let none = f64::NAN;
+    Diagnosis {
+        schema: DIAGNOSIS_SCHEMA,
+        schema_version: DIAGNOSIS_SCHEMA_VERSION,
+        data_set: set.name.clone(),
+        model: model.name.clone(),
+        verdict: Verdict::Invalid,
+        summary: format!("The data cannot be used.{sentences}"),
+        effects: Vec::new(),
+        rivals: Vec::new(),
+        blocks: Vec::new(),
+        where_after: Vec::new(),
+        gap: Vec::new(),
+        gap_spectra: Vec::new(),
+        next_experiment: None,
+        notes,
+        quality: Quality { base_chi2: none, degrees_of_freedom: none, base_z: none, augmented_chi2: none, augmented_z: none },
+        noise: NoiseReport { from_repeats: false, terms: Vec::new() },
+        ranking: Vec::new(),
+        base: None,
+        augmented: None,
+    }
+}

@@ -1,0 +1,80 @@
+//! `diagnose` and `effects` as a user calls them.
+
+use std::{
+    path::Path,
+    process::{Command, Output},
+};
+
+use analysis::{
+    fit::{Bounds, FitOptions, ModelFile, Objective, fit_erm},
+    formats::read_spectra,
+    ocv::OcvCurve,
+};
+use bench_daemon::dataset::read_dataset;
+use fixtures::hidden::{Case, Corruption, Spec};
+
+fn eis_bench(args: &[&Path]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_eis-bench")).args(args).output().unwrap()
+}
+
+/// A campaign in `data`, a model of its first sweep beside it.
+fn campaign(folder: &Path, spec: &Spec) {
+    let case = Case::new(spec);
+    case.write(&folder.join("data")).unwrap();
+    let set = read_dataset(&folder.join("data")).unwrap().set;
+    let sweep = set.runs.iter().find(|run| run.repeat_group == "eis").unwrap();
+    let file = std::fs::read_dir(folder.join("data")).unwrap().map(|entry| entry.unwrap().path());
+    let file = file.filter(|path| path.to_string_lossy().contains(&sweep.name)).min().unwrap();
+    let spectra = read_spectra(&file).unwrap();
+    let options = FitOptions { rc: 3, objective: Objective::Complex, bounds: Bounds::for_spectra(&spectra), seed: 1 };
+    let (soc, ocv_v) = case.base.ocv.iter().copied().unzip();
+    let mut model = ModelFile::new("cell", fit_erm(&spectra, &options).unwrap(), Vec::new(), None);
+    std::fs::write(folder.join("bare.json"), model.to_json().unwrap()).unwrap();
+    model.ocv = Some(OcvCurve::monotone(case.base.capacity_ah, soc, ocv_v).unwrap());
+    std::fs::write(folder.join("model.json"), model.to_json().unwrap()).unwrap();
+}
+
+fn diagnose(folder: &Path, model: &str) -> Output {
+    let [data, model, out] = ["data", model, "out"].map(|name| folder.join(name));
+    eis_bench(&[Path::new("diagnose"), &data, Path::new("--model"), &model, Path::new("--out"), &out, Path::new("--json")])
+}
+
+#[test]
+fn damaged_data_are_a_verdict_and_no_failure() {
+    for (kind, text) in
+        [(Corruption::VoltageMillivolts, "mV for V?"), (Corruption::TimeBackwards, "its times go back"), (Corruption::Truncated, "")]
+    {
+        let folder = tempfile::tempdir().unwrap();
+        campaign(folder.path(), &Spec { corruption: Some(kind), ..Spec::null(1) });
+        let output = diagnose(folder.path(), "model.json");
+        assert!(output.status.success(), "{output:?}");
+        let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let summary = printed["summary"].as_str().unwrap();
+        assert!(printed["verdict"] == "invalid" && summary.contains(text), "{summary}");
+        assert_eq!(crate::support::json(&folder.path().join("out/diagnosis.json")), printed);
+    }
+}
+
+#[test]
+fn what_is_missing_is_told_and_ends_with_2() {
+    let folder = tempfile::tempdir().unwrap();
+    campaign(folder.path(), &Spec::null(3));
+    let refused = |model: &str, text: &str| {
+        let output = diagnose(folder.path(), model);
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && error.contains(text), "{error}");
+    };
+    refused("bare.json", "expected an OCV curve in it, found none; give one with --ocv");
+    refused("none.json", "--model ");
+    std::fs::write(folder.path().join("data/dataset.toml"), "name = \"d\"\nruns = []\n").unwrap();
+    refused("model.json", "dataset.toml:2: runs: expected at least one [[runs]], found none");
+}
+
+#[test]
+fn the_catalogue_is_printed() {
+    let text = String::from_utf8(eis_bench(&[Path::new("effects")]).stdout).unwrap();
+    assert!(text.contains("In the cell:\n") && text.contains("  rc_slow: additional relaxation\n    mechanism  "), "{text}");
+    let json = eis_bench(&[Path::new("effects"), Path::new("--json")]).stdout;
+    let cards: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    assert_eq!(cards.as_array().unwrap().len(), analysis::effects::catalogue().len());
+}
