@@ -2,6 +2,7 @@
 
 use super::block::{DataSetError, Desk, Kind};
 use super::data::{DataSet, Role};
+use super::experiment::{CurrentLimits, PlannedRun, recommend};
 use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
 use super::localise::localise;
 use super::noise::TERMS;
@@ -29,11 +30,13 @@ pub struct DiagnosisOptions {
     pub candidates: Vec<&'static dyn Effect>,
     /// Guards; all on unless told otherwise.
     pub guards: Guards,
+    /// Largest currents of a recommended run; those of the data unless told otherwise.
+    pub limits: Option<CurrentLimits>,
 }
 
 impl Default for DiagnosisOptions {
     fn default() -> Self {
-        Self { candidates: catalogue().to_vec(), guards: Guards::default() }
+        Self { candidates: catalogue().to_vec(), guards: Guards::default(), limits: None }
     }
 }
 
@@ -44,6 +47,8 @@ pub struct Outcome {
     pub diagnosis: Diagnosis,
     /// One entry per run.
     pub curves: Vec<RunCurves>,
+    /// The runs of [`Diagnosis::next_experiment`].
+    pub next_runs: Vec<PlannedRun>,
 }
 
 /// Diagnoses a data set against a model.
@@ -92,7 +97,13 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
     let held_out_z = held_out_z(problem, &selection.fit, &mut desk);
     judge(&mut d, &selection, (moved, held_out_z));
     let curves = curves(&prepared, &model.erm, (&base, &selection.fit), &mut desk);
-    Ok(Outcome { diagnosis: d, curves })
+    let next = recommend(&prepared, d.verdict, (&base, &selection), options.limits);
+    if next.is_none() && matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) {
+        d.notes.push("no run of the menu would tell apart what is open".to_owned());
+    }
+    let (next_experiment, next_runs) = next.unzip();
+    d.next_experiment = next_experiment;
+    Ok(Outcome { diagnosis: d, curves, next_runs: next_runs.unwrap_or_default() })
 }
 
 /// The base refitted to spectra and training records: from the model, and from other time constants where that does not reach the floor.
@@ -182,11 +193,8 @@ fn named(problem: &Problem, selection: &Selection) -> Vec<NamedEffect> {
 }
 
 fn rivals(selection: &Selection) -> Vec<Rival> {
-    let of = |t: &super::select::Taken| {
-        let instead_of = t.name;
-        t.rivals.clone().into_iter().map(move |(name, score_gap, discriminability)| Rival { name, instead_of, score_gap, discriminability })
-    };
-    selection.taken.iter().flat_map(of).collect()
+    let taken = selection.taken.iter().flat_map(|t| t.rivals.iter().map(|r| (t.name, r)));
+    taken.map(|(instead_of, r)| Rival { name: r.name, instead_of, score_gap: r.score_gap, discriminability: r.discriminability }).collect()
 }
 
 /// (χ² − dof)/√(2·dof) of the held-out runs, in which nothing was fitted.

@@ -1,12 +1,13 @@
 //! From a data set and a model to a problem: facts, blocks, noise.
 
-use super::block::{Block, DataSetError, Desk};
+use super::block::{Block, DataSetError, Desk, Kind};
 use super::data::{DataSet, Fixture, Role, RunData, Start};
+use super::experiment::PlannedRun;
 use super::guards::Guards;
 use super::noise::{Estimate, Prior, Shape, Term, estimate};
 use super::problem::{Fit, Problem};
 use super::whitening::Whitener;
-use crate::augmented::network;
+use crate::augmented::{Between, network};
 use crate::effects::{Base, Facts};
 use crate::model::Erm;
 use crate::ocv::OcvCurve;
@@ -108,6 +109,24 @@ impl Prepared {
         let shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
         (problem.whiteners, problem.floors) = weigh(&problem.blocks, &shapes, &self.estimate)?;
         Ok(self)
+    }
+
+    /// The problem of runs that are yet to be measured, under the noise found. Repeats make the noise of a run that much smaller.
+    pub(super) fn planned(&self, runs: &[PlannedRun], desk: &mut Desk) -> Result<Problem, DataSetError> {
+        let base = &self.problem.base;
+        let linear = self.problem.blocks.iter().any(|b| matches!(&b.kind, Kind::Time(t) if t.linear));
+        let between = if linear { Between::Linear } else { Between::Hold };
+        let mut planned = Problem { base: base.clone(), blocks: Vec::new(), whiteners: Vec::new(), floors: Vec::new() };
+        for run in runs {
+            let block = Block::new(&run.unmeasured(between), base)?;
+            let mut covariance = Shape::new(&block, base, &self.prior, desk).covariance(&self.estimate.log_sigmas);
+            covariance.iter_mut().for_each(|c| *c /= run.repeat as f64);
+            let singular =
+                DataSetError::Run { run: run.name.clone(), expected: "noise that is not zero", met: "a singular covariance".to_owned() };
+            planned.whiteners.push(Whitener::new(covariance, block.rows()).ok_or(singular)?);
+            planned.blocks.push(block);
+        }
+        Ok(planned)
     }
 }
 

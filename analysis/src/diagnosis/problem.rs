@@ -136,7 +136,8 @@ impl Problem {
         rows
     }
 
-    fn columns(&self, structure: &Structure, (x, axes): (&[f64], &[Axis]), predicted: &[f64], desk: &mut Desk) -> Vec<Vec<f64>> {
+    /// Derivatives of the whitened prediction of the training rows.
+    pub(super) fn columns(&self, structure: &Structure, (x, axes): (&[f64], &[Axis]), predicted: &[f64], desk: &mut Desk) -> Vec<Vec<f64>> {
         (0..x.len())
             .map(|k| {
                 // One-sided steps go inwards.
@@ -194,7 +195,7 @@ impl Problem {
 }
 
 /// A damped Gauss–Newton step of the coordinates that no bound holds, and the decrease of χ² that it promises.
-fn step(columns: &[Vec<f64>], residuals: &[f64], (x, axes): (&[f64], &[Axis]), damping: f64) -> Option<(Vec<f64>, f64)> {
+pub(super) fn step(columns: &[Vec<f64>], residuals: &[f64], (x, axes): (&[f64], &[Axis]), damping: f64) -> Option<(Vec<f64>, f64)> {
     let gradient: Vec<f64> = columns.iter().map(|c| dot(c, residuals)).collect();
     let held = |k: usize| {
         let tiny = 1e-12 * (1.0 + x[k].abs());

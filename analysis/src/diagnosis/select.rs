@@ -13,6 +13,8 @@ use super::structure::Member;
 use super::whitening::dot;
 use crate::effects::Effect;
 
+/// Refused additions that are kept.
+const MOST_REFUSED: usize = 3;
 /// χ² that a shape at its bound must gain over a held one to be believed.
 const DRIFT: f64 = 12.0;
 
@@ -30,7 +32,16 @@ pub(super) struct Attempt {
 pub(super) struct Taken {
     pub(super) name: &'static str,
     pub(super) evidence: Evidence,
-    pub(super) rivals: Vec<(&'static str, f64, f64)>,
+    pub(super) rivals: Vec<RivalFit>,
+}
+
+/// What would do as well in the place of an effect that was taken.
+#[derive(Debug, Clone)]
+pub(super) struct RivalFit {
+    pub(super) name: &'static str,
+    pub(super) score_gap: f64,
+    pub(super) discriminability: f64,
+    pub(super) fit: Fit,
 }
 
 /// How the search ended.
@@ -42,12 +53,14 @@ pub(super) struct Selection {
     pub(super) ranking: Vec<Candidate>,
     /// The best addition that was refused in the last round, with the reason.
     pub(super) refused: Option<(&'static str, f64, String)>,
+    /// The best that were refused in the last round.
+    pub(super) refused_fits: Vec<Attempt>,
 }
 
 impl Selection {
     /// Nothing was looked for.
     pub(super) fn nothing(base: &Fit) -> Self {
-        Self { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None }
+        Self { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None, refused_fits: Vec::new() }
     }
 }
 
@@ -67,12 +80,14 @@ pub(super) fn excess_z(chi2: f64, dof: f64) -> f64 {
 impl Search<'_> {
     /// Adds and prunes, from the base's fit.
     pub(super) fn run(&mut self, base: &Fit) -> Selection {
-        let mut selection = Selection { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None };
+        let mut selection =
+            Selection { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None, refused_fits: Vec::new() };
         while selection.taken.len() < MOST_EFFECTS {
             let (attempts, ranking) = self.attempts(&selection.fit, None);
             let first = selection.taken.is_empty();
             let mut ranking = ranking;
             selection.refused = None;
+            selection.refused_fits.clear();
             let mut accepted = None;
             for attempt in attempts {
                 let attempt = self.integrated(&selection.fit, attempt);
@@ -86,6 +101,9 @@ impl Search<'_> {
                             selection.refused = Some((attempt.name, attempt.score, reason.clone()));
                         }
                         note(&mut ranking, attempt.name, reason);
+                        if attempt.score >= LEAST_SCORE && selection.refused_fits.len() < MOST_REFUSED {
+                            selection.refused_fits.push(attempt);
+                        }
                     }
                 }
             }
@@ -355,7 +373,7 @@ impl Search<'_> {
                     continue;
                 }
                 let distinct = self.discriminability(&selection.fit, &without, &other.fit);
-                selection.taken[k].rivals.push((other.name, gap, distinct));
+                selection.taken[k].rivals.push(RivalFit { name: other.name, score_gap: gap, discriminability: distinct, fit: other.fit });
             }
         }
     }

@@ -192,4 +192,4 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

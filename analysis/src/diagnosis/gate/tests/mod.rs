@@ -1,4 +1,4 @@
-mod sim;
+pub(in crate::diagnosis) mod sim;
 
 use super::{Check, Expected, GateReport, gate};
 use crate::diagnosis::{DataSet, Verdict};

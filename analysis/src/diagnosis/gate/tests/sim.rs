@@ -10,26 +10,26 @@ use std::f64::consts::TAU;
 
 /// What the true cell and bench have besides the base.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Hidden {
+pub(in crate::diagnosis) struct Hidden {
     /// Kelvin of warming lower all resistances by 2 % each; J/K is 70.
-    pub(super) heat: bool,
+    pub(in crate::diagnosis) heat: bool,
     /// mV of hysteresis after 2 % of SOC.
-    pub(super) hysteresis_v: f64,
+    pub(in crate::diagnosis) hysteresis_v: f64,
     /// Resistance and time constant of a slow branch.
-    pub(super) slow: Option<(f64, f64)>,
+    pub(in crate::diagnosis) slow: Option<(f64, f64)>,
     /// β of the second branch, 1/A.
-    pub(super) beta: f64,
+    pub(in crate::diagnosis) beta: f64,
     /// Resistances under charge are larger by this share.
-    pub(super) asymmetry: f64,
+    pub(in crate::diagnosis) asymmetry: f64,
     /// All resistances grow by this share per run.
-    pub(super) ageing: f64,
+    pub(in crate::diagnosis) ageing: f64,
     /// Lag of the logged current in every record, s.
-    pub(super) lag_s: f64,
+    pub(in crate::diagnosis) lag_s: f64,
     /// What a spectrum shows more: a function of frequency and of the base's impedance.
-    pub(super) spectrum: Option<fn(f64, Complex64) -> Complex64>,
+    pub(in crate::diagnosis) spectrum: Option<fn(f64, Complex64) -> Complex64>,
 }
 
-pub(super) fn model() -> BaseModel {
+pub(in crate::diagnosis) fn model() -> BaseModel {
     let rc = |r_ohm: f64, tau_s: f64| RcBranch { r_ohm, c_f: tau_s / r_ohm };
     let soc: Vec<f64> = (0..=10).map(|k| f64::from(k) / 10.0).collect();
     let ocv_v = soc.iter().map(|z| 3.2 + 0.9 * z).collect();
@@ -180,7 +180,7 @@ fn sweep(control_ohm: Option<f64>, hidden: &Hidden, order: f64, chance: &mut Cha
 pub(super) const SHUNT_OHM: f64 = 9.96e-3;
 
 /// Four sweeps of the cell, one of the shunt, three each of pulses, discharges and profiles, interleaved.
-pub(super) fn campaign(hidden: &Hidden, seed: u64) -> DataSet {
+pub(in crate::diagnosis) fn campaign(hidden: &Hidden, seed: u64) -> DataSet {
     let mut chance = Chance(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x5851_F42D_4C95_7F2D);
     let mut runs = Vec::new();
     for repeat in 0..4 {
