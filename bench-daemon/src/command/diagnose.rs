@@ -77,7 +77,7 @@ fn write(folder: &Path, json: &str) -> Result<(), Failure> {
     files::write_text(folder, "diagnosis.json", json)
 }
 
-fn print(diagnosis: &Diagnosis) {
+pub(super) fn print(diagnosis: &Diagnosis) {
     say!("{} against {}: {}", diagnosis.data_set, diagnosis.model, word(diagnosis.verdict));
     say!("  {}", diagnosis.summary);
     for effect in &diagnosis.effects {
@@ -102,7 +102,7 @@ fn print(diagnosis: &Diagnosis) {
     }
 }
 
-fn word(verdict: Verdict) -> &'static str {
+pub(crate) fn word(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::AtNoiseFloor => "at the noise floor",
         Verdict::Explained => "explained",

@@ -18,7 +18,7 @@ pub fn diagnose_gated(
     let report = gate(set, &Expected::new(set, model));
     let reasons: Vec<Reason> = unreadable.into_iter().chain(report.invalid).collect();
     if !reasons.is_empty() {
-        return Ok(Outcome { diagnosis: refused(set, model, &reasons, report.notes), curves: Vec::new() });
+        return Ok(Outcome { diagnosis: refused(set, model, &reasons, report.notes), curves: Vec::new(), next_runs: Vec::new() });
     }
     let mut outcome = diagnose(set, model, options)?;
     outcome.diagnosis.notes.extend(report.notes);
