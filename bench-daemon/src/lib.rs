@@ -14,6 +14,7 @@ pub mod fixture_check;
 pub mod interlock;
 pub mod investigation;
 pub mod logging;
+pub mod next_experiment;
 pub mod operator;
 pub mod plan;
 pub mod present;

@@ -2,7 +2,7 @@
 
 use super::block::{DataSetError, Desk, Kind};
 use super::data::{DataSet, Role};
-use super::experiment::{CurrentLimits, PlannedRun, recommend};
+use super::experiment::{BenchLimits, PlannedRun, recommend};
 use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
 use super::localise::localise;
 use super::noise::TERMS;
@@ -30,8 +30,8 @@ pub struct DiagnosisOptions {
     pub candidates: Vec<&'static dyn Effect>,
     /// Guards; all on unless told otherwise.
     pub guards: Guards,
-    /// Largest currents of a recommended run; those of the data unless told otherwise.
-    pub limits: Option<CurrentLimits>,
+    /// How far a recommended run may go; as far as the data unless told otherwise.
+    pub limits: Option<BenchLimits>,
 }
 
 impl Default for DiagnosisOptions {

@@ -23,7 +23,7 @@ pub use block::DataSetError;
 pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
 pub use diagnose::{DiagnosisOptions, Outcome, diagnose, significant};
 pub use distinguish::distinguish;
-pub use experiment::{CurrentLimits, Planned, PlannedRun};
+pub use experiment::{BenchLimits, Planned, PlannedRun};
 pub use guards::Guards;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence, FittedParameter, Gap, NamedEffect,

@@ -4,5 +4,6 @@
 
 pub mod convert;
 pub mod names;
+pub mod settle;
 pub mod tally;
 pub mod trial;

@@ -2,7 +2,8 @@
 
 use std::{collections::BTreeMap, fmt::Write as _};
 
-use super::trial::{End, Score};
+use super::trial::{End, Recommended, Score};
+use analysis::diagnosis::Verdict;
 
 /// Limits of the classes of λ.
 const CLASSES: [f64; 7] = [0.0, 10.0, 20.0, 40.0, 100.0, 1000.0, f64::INFINITY];
@@ -61,6 +62,26 @@ pub fn tables(scores: &[Score]) -> String {
             at(0.5),
             at(0.05)
         );
+    }
+    out.push_str(&settled(scores));
+    out
+}
+
+/// How many of the ambiguous cases the recommended run settles, by the run.
+fn settled(scores: &[Score]) -> String {
+    let ambiguous =
+        scores.iter().filter(|s| matches!(s.end, End::Twin | End::Part | End::Misled) && s.verdict == Verdict::Ambiguous).count();
+    let asked: Vec<&Recommended> = scores.iter().filter_map(|s| s.recommended.as_ref()).collect();
+    if ambiguous == 0 {
+        return String::new();
+    }
+    let right = |of: &[&Recommended]| of.iter().filter(|r| r.settled == End::Right).count();
+    let mut out = format!("\nambiguous cases settled by the recommended run: {} of {ambiguous}", right(&asked));
+    let _ = writeln!(out, " ({} without a recommendation)", ambiguous - asked.len());
+    let mut runs: BTreeMap<&str, Vec<&Recommended>> = BTreeMap::new();
+    asked.into_iter().for_each(|r| runs.entry(r.name).or_default().push(r));
+    for (name, of) in runs {
+        let _ = writeln!(out, "  {name:<26}{:>4} of {:<4}{}", right(&of), of.len(), columns(of.iter().map(|r| r.settled)));
     }
     out
 }

@@ -1,10 +1,14 @@
 //! One trial: hidden truth, data set, diagnosis, score.
 
-use analysis::diagnosis::{Block, Candidate, DiagnosisOptions, Gap, Outcome, Verdict, diagnose, yardstick};
+use analysis::diagnosis::{Block, Candidate, Gap, Outcome, Verdict, diagnose, yardstick};
 use fixtures::hidden::{Case, EffectKind, Spec, Stratum};
 use serde::Serialize;
 
-use super::{convert, names::catalogue_name};
+use super::{
+    convert,
+    names::catalogue_name,
+    settle::{options, settle},
+};
 
 /// How a trial ended, against the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -61,6 +65,25 @@ pub struct Score {
     pub ranking: Vec<String>,
     /// Summary and notes.
     pub notes: Vec<String>,
+    /// What an ambiguous end recommended.
+    pub recommended: Option<Recommended>,
+}
+
+/// The recommended run of an ambiguous trial, and the end with it among the training runs.
+#[derive(Debug, Clone, Serialize)]
+pub struct Recommended {
+    /// Name in the menu.
+    pub name: &'static str,
+    /// Expected separation with it and with the data at hand, in standard deviations.
+    pub separation_sigma: (f64, f64),
+    /// Time on the bench, min.
+    pub duration_min: f64,
+    /// The end with it.
+    pub settled: End,
+    /// Names and rivals given then.
+    pub named: (Vec<&'static str>, Vec<&'static str>),
+    /// Summary and notes then.
+    pub notes: Vec<String>,
 }
 
 /// Error of one fitted parameter.
@@ -96,20 +119,37 @@ pub fn stratum_name(stratum: Stratum) -> &'static str {
 pub fn play(stratum: Stratum, spec: &Spec) -> anyhow::Result<Score> {
     let case = Case::new(spec);
     let set = convert::data_set(&case);
-    let (outcome, closed, lambda) =
-        match convert::model(&set, &case.base).and_then(|m| Ok((diagnose(&set, &m, &DiagnosisOptions::default())?, m))) {
-            Ok((outcome, model)) => {
-                let lambda = if spec.corruption.is_none() && !spec.hidden.is_empty() { strength(spec, &case).ok() } else { None };
-                let closed = closed(&case, &set, &model, &outcome);
-                (Some(outcome), closed, lambda)
-            }
-            Err(e) if spec.corruption.is_some() => {
-                tracing::debug!("refused: {e:#}");
-                (None, None, None)
-            }
-            Err(e) => return Err(e),
-        };
-    Ok(score(stratum, &case, outcome.as_ref(), (lambda, closed)))
+    let (outcome, model) = match convert::model(&set, &case.base).and_then(|m| Ok((diagnose(&set, &m, &options())?, m))) {
+        Ok(done) => done,
+        Err(e) if spec.corruption.is_some() => {
+            tracing::debug!("refused: {e:#}");
+            return Ok(score(stratum, &case, None, (None, None)));
+        }
+        Err(e) => return Err(e),
+    };
+    let lambda = if spec.corruption.is_none() && !spec.hidden.is_empty() { strength(spec, &case).ok() } else { None };
+    let closed = closed(&case, &set, &model, &outcome);
+    let recommended = if outcome.diagnosis.verdict == Verdict::Ambiguous {
+        settle(spec, &set, &model, &outcome)?.and_then(|after| recommended(&truth(&case), &outcome, &after))
+    } else {
+        None
+    };
+    Ok(Score { recommended, ..score(stratum, &case, Some(&outcome), (lambda, closed)) })
+}
+
+/// How the recommended run ends it.
+fn recommended(truth: &[&str], before: &Outcome, after: &Outcome) -> Option<Recommended> {
+    let (next, d) = (before.diagnosis.next_experiment.as_ref()?, &after.diagnosis);
+    let named: Vec<&'static str> = d.effects.iter().map(|e| e.name).collect();
+    let rivals: Vec<&'static str> = d.rivals.iter().map(|r| r.name).collect();
+    Some(Recommended {
+        name: next.name,
+        separation_sigma: (next.separation_sigma, next.separation_now_sigma),
+        duration_min: next.duration_min,
+        settled: end(Some(d.verdict), truth, &named, &rivals),
+        named: (named, rivals),
+        notes: std::iter::once(&d.summary).chain(&d.notes).cloned().collect(),
+    })
 }
 
 /// λ of a specification.
@@ -189,6 +229,7 @@ fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, clos
         places: d.map_or(Vec::new(), |d| d.blocks.iter().take(5).map(place).collect()),
         ranking: d.map_or(Vec::new(), |d| d.ranking.iter().take(6).map(candidate).collect()),
         notes: d.map_or(Vec::new(), |d| std::iter::once(&d.summary).chain(&d.notes).cloned().collect()),
+        recommended: None,
     }
 }
 

@@ -1,6 +1,6 @@
 //! What a bench can do to tell effects apart: a menu of planned runs, made for the cell, the currents and the frequencies of a campaign.
 
-use super::planned::{CurrentLimits, Planned, PlannedRun};
+use super::planned::{BenchLimits, Planned, PlannedRun};
 use crate::diagnosis::block::{Block, Kind, TimeBlock};
 use crate::diagnosis::data::{Fixture, Role};
 use crate::diagnosis::problem::Problem;
@@ -17,6 +17,8 @@ const SETTLE_JIG_S: f64 = 120.0;
 const SOC_WITHIN: (f64, f64) = (0.05, 0.95);
 /// Points of a sweep where the campaign has none, and its ends, Hz.
 const SWEEP: (f64, f64, usize) = (0.1, 300.0, 25);
+/// Points of a sweep of the upper band.
+const TOP_POINTS: usize = 40;
 /// Lowest frequency of the slow sweep, Hz.
 const SLOWEST_HZ: f64 = 2e-3;
 /// Half of a burst, s: the shortest current that a bench times well.
@@ -47,7 +49,7 @@ impl MenuItem {
 #[derive(Debug)]
 pub(super) struct Campaign<'a> {
     problem: &'a Problem,
-    limits: CurrentLimits,
+    limits: BenchLimits,
     soc: f64,
     temperature_c: f64,
     order: u32,
@@ -57,13 +59,17 @@ pub(super) struct Campaign<'a> {
 
 impl<'a> Campaign<'a> {
     /// The currents reach as far as the campaign's own, unless told otherwise.
-    pub(super) fn new(problem: &'a Problem, limits: Option<CurrentLimits>) -> Self {
+    pub(super) fn new(problem: &'a Problem, limits: Option<BenchLimits>) -> Self {
         let facts = &problem.base.facts;
         let greatest = |sign: f64| {
             let currents = problem.blocks.iter().filter_map(time).flat_map(|t| &t.bins).map(|b| sign * b.current_a);
             currents.fold(0.0, f64::max)
         };
-        let limits = limits.unwrap_or_else(|| CurrentLimits { discharge_a: greatest(1.0), charge_a: greatest(-1.0) });
+        let limits = limits.unwrap_or_else(|| BenchLimits {
+            discharge_a: greatest(1.0),
+            charge_a: greatest(-1.0),
+            highest_hz: facts.highest_hz.unwrap_or(SWEEP.1),
+        });
         let swept = problem.blocks.iter().filter(|b| b.at.is_cell).find_map(|b| match &b.kind {
             Kind::Eis { points, .. } => Some(Planned::Eis {
                 freq_hz: points.iter().map(|p| p.freq_hz).collect(),
@@ -149,10 +155,19 @@ pub(super) fn menu(campaign: &Campaign<'_>) -> Vec<MenuItem> {
 
 fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
     let mut items = Vec::new();
+    let highest_hz = campaign.problem.base.facts.highest_hz.unwrap_or(SWEEP.1).min(campaign.limits.highest_hz);
+    let top =
+        |low_hz: f64, high_hz: f64| Planned::Eis { freq_hz: frequencies(low_hz, high_hz, TOP_POINTS), amplitude_a: campaign.amplitude_a() };
+    if campaign.limits.highest_hz > 1.5 * highest_hz {
+        let words = format!("a sweep from {:.0} Hz to {:.0} Hz", 0.3 * highest_hz, campaign.limits.highest_hz);
+        items.push(campaign.swept("eis_high_frequency", words, |run| run.what = top(0.3 * highest_hz, campaign.limits.highest_hz)));
+    }
+    let top_hz = campaign.limits.highest_hz.max(highest_hz);
     for (name, ohm) in [("shunt_sweep", 10e-3), ("shunt_sweep_small", 1e-3)] {
-        let what = format!("the same sweep of a {:.0} mΩ shunt in the place of the cell", 1e3 * ohm);
+        let what = format!("a sweep of a {:.0} mΩ shunt in the place of the cell, {:.0} Hz to {top_hz:.0} Hz", 1e3 * ohm, 0.1 * highest_hz);
         items.push(campaign.swept(name, what, |run| {
             run.fixture = Fixture::Shunt(ohm);
+            run.what = top(0.1 * highest_hz, top_hz);
             run.settle_s = SETTLE_JIG_S;
         }));
     }
@@ -191,14 +206,14 @@ fn mirrored(campaign: &Campaign<'_>) -> Option<MenuItem> {
     let training = campaign.problem.of_role(Role::Train).filter_map(|k| time(&campaign.problem.blocks[k]));
     let longest = |segments: &[(f64, f64)]| segments.iter().filter(|s| s.1 != 0.0).map(|s| s.0).fold(0.0, f64::max);
     let segments = training.map(segments).max_by(|a, b| longest(a).total_cmp(&longest(b)))?;
-    let CurrentLimits { discharge_a, charge_a } = campaign.limits;
+    let BenchLimits { discharge_a, charge_a, .. } = campaign.limits;
     let mirrored = segments.iter().map(|(span_s, amps)| (*span_s, (-amps).clamp(-charge_a, discharge_a))).collect();
     campaign.trace("mirrored_charge", "the record with the longest constant current, its current reversed".to_owned(), mirrored)
 }
 
 /// Discharge and charge in turn, each with its greatest current, as much out as in.
 fn bursts(campaign: &Campaign<'_>) -> Option<MenuItem> {
-    let CurrentLimits { discharge_a, charge_a } = campaign.limits;
+    let BenchLimits { discharge_a, charge_a, .. } = campaign.limits;
     let charge_c = BURST_S * discharge_a.max(charge_a);
     let (out_s, in_s) = (charge_c / discharge_a, charge_c / charge_a);
     let pairs = (60.0 / (out_s + in_s)).round().max(1.0);

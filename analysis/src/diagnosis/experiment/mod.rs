@@ -6,7 +6,7 @@ mod menu;
 mod planned;
 mod separate;
 
-pub use planned::{CurrentLimits, Planned, PlannedRun};
+pub use planned::{BenchLimits, Planned, PlannedRun};
 
 use super::block::Desk;
 use super::guards::CERTAIN_LAMBDA;
@@ -19,10 +19,10 @@ use separate::{View, separation_chi2};
 
 /// λ at which a pair is told apart without doubt.
 const ENOUGH: f64 = 40.0;
-/// Growth of the closest pair's λ below which a run is not worth its time.
-const LEAST_GROWTH: f64 = 4.0;
+/// What a run must add to a pair's λ, as a part of what settles it, to be worth its time.
+const LEAST_GROWTH: f64 = 0.1;
 /// Rivals of one effect that are looked at, the closest ones.
-const MOST_RIVALS: usize = 3;
+const MOST_RIVALS: usize = 6;
 /// Items whose λ is found by more than one step.
 const REFINED: usize = 3;
 /// Steps of a refined refit.
@@ -42,13 +42,6 @@ struct Pair {
     truth: usize,
     other: usize,
     enough: f64,
-}
-
-/// The pair that is farthest from being settled: its λ, and that as a part of what settles it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Tightest {
-    lambda: f64,
-    part: f64,
 }
 
 impl<'a> Open<'a> {
@@ -93,46 +86,68 @@ impl<'a> Open<'a> {
         self.fits.len() - 1
     }
 
-    /// Effects of the pairs.
-    fn names(&self) -> Vec<&'static str> {
+    /// λ of every pair when planned runs are measured too, by so many steps of the refits.
+    fn lambdas(&self, planned: Option<&Problem>, steps: usize, desk: &mut Desk) -> Vec<f64> {
+        let views: Vec<View> = self.fits.iter().map(|(_, fit)| View::new(fit, planned, desk)).collect();
+        let lambda = |p: &Pair, desk: &mut Desk| {
+            let other = (self.fits[p.other].1, &views[p.other], planned);
+            separation_chi2((self.fits[p.truth].1, &views[p.truth]), other, steps, desk)
+        };
+        self.pairs.iter().map(|p| lambda(p, desk)).collect()
+    }
+
+    /// How far a pair is settled, 0…1.
+    fn part(&self, pair: usize, lambdas: &[f64]) -> f64 {
+        (lambdas[pair] / self.pairs[pair].enough).min(1.0)
+    }
+
+    /// The same of all pairs together.
+    fn settled(&self, lambdas: &[f64]) -> f64 {
+        (0..self.pairs.len()).map(|k| self.part(k, lambdas)).sum::<f64>() / self.pairs.len() as f64
+    }
+
+    /// Pairs that a run brings forward.
+    fn moved(&self, now: &[f64], then: &[f64]) -> Vec<usize> {
+        (0..self.pairs.len()).filter(|k| self.part(*k, then) >= self.part(*k, now) + LEAST_GROWTH).collect()
+    }
+
+    /// Effects of some pairs.
+    fn names(&self, pairs: &[usize]) -> Vec<&'static str> {
         let mut names: Vec<&'static str> = Vec::new();
-        let paired = |k: usize| self.pairs.iter().any(|p| p.truth == k || p.other == k);
-        for (_, (name, _)) in self.fits.iter().enumerate().filter(|(k, (name, _))| !name.is_empty() && paired(*k)) {
-            if !names.contains(name) {
+        for k in pairs.iter().flat_map(|k| [self.pairs[*k].truth, self.pairs[*k].other]) {
+            let name = self.fits[k].0;
+            if !name.is_empty() && !names.contains(&name) {
                 names.push(name);
             }
         }
         names
     }
-
-    /// The tightest pair when planned runs are measured too, by so many steps of the refits.
-    fn tightest(&self, planned: Option<&Problem>, steps: usize, desk: &mut Desk) -> Tightest {
-        let views: Vec<View> = self.fits.iter().map(|(_, fit)| View::new(fit, planned, desk)).collect();
-        let mut tightest = Tightest { lambda: f64::INFINITY, part: f64::INFINITY };
-        for Pair { truth, other, enough } in &self.pairs {
-            let other = (self.fits[*other].1, &views[*other], planned);
-            let lambda = separation_chi2((self.fits[*truth].1, &views[*truth]), other, steps, desk);
-            if lambda / enough < tightest.part {
-                tightest = Tightest { lambda, part: lambda / enough };
-            }
-        }
-        tightest
-    }
 }
 
-/// An item with what it would tell.
+/// An item with what it would tell: λ of each pair.
 struct Rated {
     item: MenuItem,
     planned: Problem,
-    then: Tightest,
+    then: Vec<f64>,
+    /// How far it settles the pairs, 0…1.
+    settled: f64,
+    /// Least λ of any pair, as a part of what settles it.
+    least: f64,
 }
 
 impl Rated {
-    /// Better first: what settles all pairs, by λ per minute; among what does not, by λ.
+    fn new((item, planned): (MenuItem, Problem), open: &Open<'_>, steps: usize, desk: &mut Desk) -> Self {
+        let then = open.lambdas(Some(&planned), steps, desk);
+        let settled = open.settled(&then);
+        let least = then.iter().zip(&open.pairs).map(|(l, p)| l / p.enough).fold(f64::INFINITY, f64::min);
+        Self { item, planned, then, settled, least }
+    }
+
+    /// Better first: what settles all pairs, by the least λ per minute; among what does not, by how far it does.
     fn order(&self, other: &Self) -> std::cmp::Ordering {
-        let settles = |r: &Self| r.then.part >= 1.0;
-        let worth = |r: &Self| if settles(r) { r.then.part / r.item.duration_min() } else { r.then.part };
-        settles(other).cmp(&settles(self)).then(worth(other).total_cmp(&worth(self)))
+        let all = |r: &Self| r.least >= 1.0;
+        let worth = |r: &Self| if all(r) { r.least / r.item.duration_min() } else { r.settled };
+        all(other).cmp(&all(self)).then(worth(other).total_cmp(&worth(self)))
     }
 }
 
@@ -141,7 +156,7 @@ pub(super) fn recommend(
     prepared: &Prepared,
     verdict: Verdict,
     (base, selection): (&Fit, &Selection),
-    limits: Option<CurrentLimits>,
+    limits: Option<BenchLimits>,
 ) -> Option<Recommended> {
     if !matches!(verdict, Verdict::Ambiguous | Verdict::Unexplained) {
         return None;
@@ -150,36 +165,31 @@ pub(super) fn recommend(
     let open = Open::new(verdict, base, selection);
     if open.pairs.is_empty() {
         // No names to tell apart: what changed by itself shows when the first run is repeated.
-        let nothing = Tightest { lambda: 0.0, part: 0.0 };
-        return sentinel_repeat(&campaign).map(|item| told(item, &open, (nothing, nothing)));
+        return sentinel_repeat(&campaign).map(|item| told(item, Vec::new(), (0.0, 0.0)));
     }
     let mut desk = Desk::default();
-    let now = open.tightest(None, 1, &mut desk);
-    let mut rated: Vec<Rated> = menu(&campaign)
-        .into_iter()
-        .filter_map(|item| {
-            let planned = prepared.planned(&item.runs, &mut desk).ok()?;
-            let then = open.tightest(Some(&planned), 1, &mut desk);
-            Some(Rated { item, planned, then })
-        })
-        .collect();
+    let now = open.lambdas(None, 1, &mut desk);
+    let planned = |item: MenuItem, desk: &mut Desk| prepared.planned(&item.runs, desk).ok().map(|p| (item, p));
+    let mut rated: Vec<Rated> =
+        menu(&campaign).into_iter().filter_map(|item| planned(item, &mut desk).map(|p| Rated::new(p, &open, 1, &mut desk))).collect();
     rated.sort_by(Rated::order);
-    rated.truncate(REFINED);
-    rated.iter_mut().for_each(|r| r.then = open.tightest(Some(&r.planned), STEPS, &mut desk));
+    let mut rated: Vec<Rated> = rated.into_iter().take(REFINED).map(|r| Rated::new((r.item, r.planned), &open, STEPS, &mut desk)).collect();
     rated.sort_by(Rated::order);
-    let best = rated.into_iter().next().filter(|r| r.then.lambda >= now.lambda + LEAST_GROWTH)?;
-    Some(told(best.item, &open, (best.then, now)))
+    let best = rated.into_iter().next()?;
+    let moved = open.moved(&now, &best.then);
+    let least = |lambdas: &[f64]| moved.iter().map(|k| lambdas[*k]).fold(f64::INFINITY, f64::min);
+    (!moved.is_empty()).then(|| told(best.item, open.names(&moved), (least(&best.then), least(&now))))
 }
 
-fn told(item: MenuItem, open: &Open<'_>, (then, now): (Tightest, Tightest)) -> Recommended {
+fn told(item: MenuItem, separates: Vec<&'static str>, (then, now): (f64, f64)) -> Recommended {
     let next = NextExperiment {
         name: item.name,
         duration_min: item.duration_min(),
         charge_ah: item.charge_ah(),
         description: item.description,
-        separates: open.names(),
-        separation_sigma: then.lambda.sqrt(),
-        separation_now_sigma: now.lambda.sqrt(),
+        separates,
+        separation_sigma: then.sqrt(),
+        separation_now_sigma: now.sqrt(),
     };
     (next, item.runs)
 }

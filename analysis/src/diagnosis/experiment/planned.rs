@@ -6,9 +6,9 @@ use crate::series::TimeSeries;
 use num_complex::Complex64;
 
 /// Time of a sweep per point: so many periods …
-const PERIODS: f64 = 2.0;
-/// … and so long, s.
-const POINT_S: f64 = 2.0;
+const PERIODS: f64 = 4.0;
+/// … and so long, in which the step from one frequency to the next dies away, s.
+const POINT_S: f64 = 20.0;
 /// Rest between repeats of a run at most, s.
 const BETWEEN_REPEATS_S: f64 = 600.0;
 /// Shortest and longest distance of samples in time, s.
@@ -16,13 +16,15 @@ const SAMPLING_S: (f64, f64) = (0.01, 5.0);
 /// Distance of samples as a part of the time since the last edge.
 const SAMPLING_PART: f64 = 0.1;
 
-/// Largest currents that a planned run may use, A, both positive.
+/// How far a planned run may go on bench and cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CurrentLimits {
-    /// Discharging.
+pub struct BenchLimits {
+    /// Largest current discharging, A.
     pub discharge_a: f64,
-    /// Charging; 0 where the cell must not be charged.
+    /// Largest current charging, A, positive; 0 where the cell must not be charged.
     pub charge_a: f64,
+    /// Highest frequency of a sweep, Hz.
+    pub highest_hz: f64,
 }
 
 /// A run that is to be measured.

@@ -1,6 +1,6 @@
 use super::menu::{Campaign, menu};
 use super::separate::{View, separation_chi2};
-use super::{CurrentLimits, Open, Planned, PlannedRun, recommend};
+use super::{BenchLimits, Open, Planned, PlannedRun, recommend};
 use crate::diagnosis::block::Desk;
 use crate::diagnosis::data::{DataSet, Fixture, RunData};
 use crate::diagnosis::gate::tests::sim::{Hidden, campaign, model};
@@ -153,8 +153,10 @@ fn the_menu_keeps_to_limits_and_range() {
             "sentinel_repeat",
         ]
     );
+    let further = Campaign::new(&p.problem, Some(BenchLimits { discharge_a: 100.0, charge_a: 40.0, highest_hz: 3000.0 }));
+    assert_eq!(menu(&further)[0].name, "eis_high_frequency");
     for (discharge_a, charge_a) in [(100.0, 40.0), (18.0, 13.0), (5.0, 20.0), (10.0, 0.0), (0.0, 0.0)] {
-        let campaign = Campaign::new(&p.problem, Some(CurrentLimits { discharge_a, charge_a }));
+        let campaign = Campaign::new(&p.problem, Some(BenchLimits { discharge_a, charge_a, highest_hz: 3000.0 }));
         for item in menu(&campaign) {
             assert!(item.duration_min().is_finite() && item.duration_min() > 2.0, "{item:?}");
             for run in &item.runs {
