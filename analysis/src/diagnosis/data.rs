@@ -107,6 +107,8 @@ pub struct TimeRecord {
     pub series: TimeSeries,
     /// What the current does between two samples.
     pub between: Between,
+    /// Standard deviation of each voltage's own noise, V, where it is stated: rows that are means of more or fewer samples.
+    pub sigma_v: Option<Vec<f64>>,
 }
 
 /// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data sheets, zero checks.
@@ -135,4 +137,7 @@ pub struct BenchHistory {
     pub current_resolution_a: f64,
     /// Noise of one part of a spectrum's point, as a fraction of |Z|.
     pub eis_noise_rel: f64,
+    /// Error of the meter that start voltages are read with, V: the state of charge at the start is off by as much over the curve's slope.
+    #[serde(default)]
+    pub start_voltage_v: f64,
 }

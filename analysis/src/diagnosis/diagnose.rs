@@ -297,7 +297,8 @@ fn sample_floor(prepared: &Prepared, block: usize, time: &super::block::TimeBloc
     let mut floor = Vec::with_capacity(time.voltage_v.len());
     for (bin, sigma) in time.bins.iter().zip(&prepared.problem.floors[block]) {
         let count = (bin.to - bin.from) as f64;
-        floor.extend(std::iter::repeat_n((sigma * sigma + white * (1.0 - 1.0 / count)).max(0.0).sqrt(), bin.to - bin.from));
+        let single = white * (1.0 - 1.0 / count) + bin.stated_v2 * (count - 1.0);
+        floor.extend(std::iter::repeat_n((sigma * sigma + single).max(0.0).sqrt(), bin.to - bin.from));
     }
     floor
 }

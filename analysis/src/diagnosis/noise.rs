@@ -74,6 +74,7 @@ impl Prior {
             current_noise_a: 2e-4 * greatest,
             current_resolution_a: 0.0,
             eis_noise_rel: 3e-3,
+            start_voltage_v: 0.0,
         };
         let h = history.unwrap_or(guess);
         let sigma = |term: Term| match term {
@@ -158,10 +159,15 @@ impl Shape {
         if time.linear {
             known.extend(time.edges.iter().skip(1).map(|edge| edge_shift(time, *edge, base)));
         }
+        if h.start_voltage_v > 0.0 {
+            let slope_v = |charge_c: f64| base.ocv.slope_v(block.at.soc - charge_c / capacity_c);
+            let start_v = slope_v(0.0).max(1e-6);
+            known.push(time.bins.iter().map(|b| h.start_voltage_v * (1.0 - slope_v(b.charge_c) / start_v)).collect());
+        }
         let correlation = |i: usize, j: usize| (-(time.bins[i].time_s - time.bins[j].time_s).abs() / h.voltage_drift_s.max(1e-3)).exp();
         Self {
             n,
-            fixed: counts.iter().map(|m| fixed_v / m).collect(),
+            fixed: time.bins.iter().zip(&counts).map(|(b, m)| fixed_v / m + b.stated_v2).collect(),
             white: (Term::White, counts.iter().map(|m| 1.0 / m).collect()),
             drift: (0..n * n).map(|ij| correlation(ij / n, ij % n)).collect(),
             vectors,

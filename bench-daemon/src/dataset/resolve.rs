@@ -148,7 +148,7 @@ impl Resolver<'_> {
             let (first, last) = ends(series);
             at.complain("from_s", format!("expected two samples or more from `from_s` to `to_s`; the file holds {first} s to {last} s"))
         })?;
-        Ok(Ok(RunData::Time(TimeRecord { series: part, between: entry.current_between_samples.unwrap_or(Between::Linear) })))
+        Ok(Ok(RunData::Time(TimeRecord { series: part, between: entry.current_between_samples.unwrap_or(Between::Linear), sigma_v: None })))
     }
 }
 

@@ -176,12 +176,17 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
         current_noise_a: 0.03,
         current_resolution_a: 0.1,
         eis_noise_rel: 1e-3,
+        start_voltage_v: 0.0,
     };
     let set = DataSet {
         name: "whole".to_owned(),
         runs: vec![
             run("sweep", Fixture::FakeCell(0.00375), RunData::Eis(sweep)),
-            run("a pulse, 20 A", Fixture::Cell("P45B 3".to_owned()), RunData::Time(TimeRecord { series, between: Between::Hold })),
+            run(
+                "a pulse, 20 A",
+                Fixture::Cell("P45B 3".to_owned()),
+                RunData::Time(TimeRecord { series, between: Between::Hold, sigma_v: None }),
+            ),
         ],
         history: Some(history),
     };

@@ -11,7 +11,7 @@ mod page;
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    diagnosis::{BaseModel, CurrentLimits, Diagnosis, DiagnosisOptions, NextExperiment, Outcome, PlannedRun, Verdict, gate},
+    diagnosis::{BaseModel, BenchLimits, Diagnosis, DiagnosisOptions, NextExperiment, Outcome, PlannedRun, Verdict, gate},
     fit::{Bounds, CellSweeps, FitOptions, ModelFile, OrderOptions, fit_erm, select_order},
     ocv::OcvCurve,
     spectrum::Spectrum,
@@ -36,6 +36,9 @@ const MOST_RUNS: usize = 4;
 const LIMIT_PART: f64 = 0.94;
 /// Greatest current of the bipolar supplies that drive traces, A.
 const BENCH_A: f64 = 20.0;
+
+/// Highest frequency of a planned sweep, Hz: beyond it the bipolar supply falls behind.
+const HIGHEST_HZ: f64 = 1000.0;
 
 /// What may be spent after the first campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -182,7 +185,7 @@ impl Desk<'_> {
     fn diagnose(&self) -> Result<Outcome, Failure> {
         let limits = &self.experiment.cell.limits;
         let part = |limit_a: f64| LIMIT_PART * limit_a.min(BENCH_A);
-        let limits = CurrentLimits { discharge_a: part(limits.discharge_a), charge_a: part(limits.charge_a) };
+        let limits = BenchLimits { discharge_a: part(limits.discharge_a), charge_a: part(limits.charge_a), highest_hz: HIGHEST_HZ };
         let options = DiagnosisOptions { limits: Some(limits), ..DiagnosisOptions::default() };
         let unreadable = self.loaded.problems.iter().map(|problem| gate::Reason::unreadable(&problem.run, &problem.text)).collect();
         let mut outcome = gate::diagnose_gated(&self.loaded.set, unreadable, &self.model, &options)

@@ -31,6 +31,7 @@ fn history(h: &hidden::BenchHistory) -> BenchHistory {
         current_noise_a: h.current_noise_a,
         current_resolution_a: h.current_resolution_a,
         eis_noise_rel: h.eis_noise_rel,
+        start_voltage_v: 0.0,
     }
 }
 
@@ -63,7 +64,7 @@ pub fn run(run: &hidden::Run) -> Run {
                 voltage_v: voltage_v.clone(),
                 temperature_c: temperature_c.clone(),
             };
-            RunData::Time(TimeRecord { series, between: Between::Hold })
+            RunData::Time(TimeRecord { series, between: Between::Hold, sigma_v: None })
         }
     };
     Run {
