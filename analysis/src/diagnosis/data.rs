@@ -140,4 +140,7 @@ pub struct BenchHistory {
     /// Error of the meter that start voltages are read with, V: the state of charge at the start is off by as much over the curve's slope.
     #[serde(default)]
     pub start_voltage_v: f64,
+    /// Error that the calibration of the current channel leaves, as a fraction: the same in all runs, so that repeats do not show it.
+    #[serde(default)]
+    pub calibration_rel: f64,
 }

@@ -133,8 +133,9 @@ fn moved_floor(prepared: &Prepared) -> Option<String> {
     if !prepared.prior.known {
         return None;
     }
-    let (k, z) = e.z.iter().enumerate().filter_map(|(k, z)| z.map(|z| (k, z))).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-    (z.abs() > SENTINEL_Z).then(|| format!("{} has left the bench's history by {z:.1} standard deviations", TERMS[k].1))
+    let (k, z) = e.z.iter().enumerate().filter_map(|(k, z)| z.map(|z| (k, z))).max_by(|a, b| a.1.total_cmp(&b.1))?;
+    // Less noise than before hides nothing and makes nothing up.
+    (z > SENTINEL_Z).then(|| format!("{} has left the bench's history by {z:.1} standard deviations", TERMS[k].1))
 }
 
 fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions) -> Search<'a> {
@@ -212,6 +213,9 @@ fn judge(d: &mut Diagnosis, selection: &Selection, (moved, held_out_z): (Option<
     let names: Vec<&str> = d.effects.iter().map(|e| e.title).collect();
     if !d.noise.from_repeats {
         d.notes.push("fewer than three repeats of any run: the noise is assumed, so that no noise floor can be claimed".to_owned());
+    }
+    if held_out_z >= GOOD_FIT_Z {
+        d.notes.push(format!("held-out runs are missed by {held_out_z:.1} standard deviations of their χ²"));
     }
     if let Some(reason) = moved {
         d.verdict = Verdict::Unexplained;

@@ -75,6 +75,7 @@ impl Prior {
             current_resolution_a: 0.0,
             eis_noise_rel: 3e-3,
             start_voltage_v: 0.0,
+            calibration_rel: 0.0,
         };
         let h = history.unwrap_or(guess);
         let sigma = |term: Term| match term {
@@ -158,6 +159,9 @@ impl Shape {
         }
         if time.linear {
             known.extend(time.edges.iter().skip(1).map(|edge| edge_shift(time, *edge, base)));
+        }
+        if let Some((_, gain)) = vectors.iter().find(|(term, _)| *term == Term::Gain).filter(|_| h.calibration_rel > 0.0) {
+            known.push(gain.iter().map(|v| h.calibration_rel * v).collect());
         }
         if h.start_voltage_v > 0.0 {
             let slope_v = |charge_c: f64| base.ocv.slope_v(block.at.soc - charge_c / capacity_c);

@@ -177,6 +177,7 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
         current_resolution_a: 0.1,
         eis_noise_rel: 1e-3,
         start_voltage_v: 0.0,
+        calibration_rel: 0.0,
     };
     let set = DataSet {
         name: "whole".to_owned(),

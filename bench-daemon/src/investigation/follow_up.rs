@@ -21,8 +21,8 @@ const START_WITHIN_V: f64 = 0.06;
 const SHORTEST_S: f64 = 0.5;
 /// Frequencies below this are swept with few periods, Hz: each takes minutes.
 const SLOW_HZ: f64 = 0.05;
-/// So many.
-const SLOW_PERIODS: f64 = 2.0;
+/// So many are waited for and so many recorded: a screen may be two and a half times as long as asked for, and must fill.
+const SLOW_PERIODS: (f64, f64) = (6.0, 2.0);
 
 /// The experiment that plays planned runs. Errors tell in words what this bench or campaign lacks.
 pub(super) fn experiment(first: &Experiment, set: &DataSet, (runs, ocv): (&[PlannedRun], &OcvCurve)) -> Result<Experiment, String> {
@@ -47,7 +47,7 @@ pub(super) fn experiment(first: &Experiment, set: &DataSet, (runs, ocv): (&[Plan
             eis.fixture = fixture(first, &run.fixture)?;
             (eis.repeat, eis.rest_s, eis.amplitude_a) = (run.repeat, run.settle_s.min(600.0), *amplitude_a);
             if freq_hz.first().is_some_and(|f| *f < SLOW_HZ) {
-                (eis.periods, eis.periods_on_screen) = (SLOW_PERIODS, SLOW_PERIODS);
+                (eis.periods, eis.periods_on_screen) = SLOW_PERIODS;
             }
             eis.freqs_hz.clone_from(freq_hz);
             experiment.eis = Some(eis);

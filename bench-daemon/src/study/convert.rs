@@ -32,6 +32,7 @@ fn history(h: &hidden::BenchHistory) -> BenchHistory {
         current_resolution_a: h.current_resolution_a,
         eis_noise_rel: h.eis_noise_rel,
         start_voltage_v: 0.0,
+        calibration_rel: 0.0,
     }
 }
 

@@ -54,6 +54,7 @@ pub(super) fn history() -> BenchHistory {
         current_resolution_a: 0.1,
         eis_noise_rel: 1e-3,
         start_voltage_v: 0.0,
+        calibration_rel: 0.0,
     }
 }
 
