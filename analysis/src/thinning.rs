@@ -95,6 +95,24 @@ impl Frame<'_> {
         far.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
     }
 
+    /// Where a step at once would move the same charge as the one that is first seen in sample `step`, in samples: a current that takes some time to
+    /// settle comes that much later.
+    fn centre(&self, step: usize, settle: usize) -> f64 {
+        let sharp = step as f64 - 0.5;
+        let mean = |range: std::ops::Range<usize>| {
+            let span = range.len() as f64;
+            range.map(|k| self.between((0, 1), k)).sum::<f64>() / span
+        };
+        if step <= 2 * settle + 1 || step + 2 * settle > self.capture.codes[0].len().min(self.capture.codes[1].len()) {
+            return sharp;
+        }
+        let (before, after) = (mean(step - 1 - settle..step - 1), mean(step + settle..step + 2 * settle));
+        let share = (mean(step - settle..step + settle) - before) / (after - before);
+        let centre = (step + settle) as f64 - 0.5 - 2.0 * settle as f64 * share;
+        // What noise makes of a small step must not turn the order of the rows round.
+        centre.clamp(sharp - 0.5, sharp + 0.5 * settle as f64)
+    }
+
     /// Means of one level of the current. `after` a step its first samples still move and the next is a row of its own; `before` a step its last
     /// samples are a row that stands close to the step.
     fn level(&self, range: std::ops::Range<usize>, (after, before): (bool, bool), thinning: &Thinning, means: &mut Vec<Mean>) {
@@ -119,7 +137,9 @@ impl Frame<'_> {
         if last > 1 {
             // As far from the step as the row after it. The last sample may already see the step: channels are skewed.
             let row = self.mean(end..range.end - 1);
-            means.extend(row.map(|mean| Mean { time_s: (range.end as f64 - 1.0 - settle as f64) * self.interval_s, ..mean }));
+            let after = range.end as f64 + 1.5 * settle as f64 - 0.5;
+            let time_s = (2.0 * self.centre(range.end, settle) - after) * self.interval_s;
+            means.extend(row.map(|mean| Mean { time_s, ..mean }));
         }
     }
 

@@ -34,6 +34,8 @@ Examples:
     eis-bench joint --spectra CELL*.csv --series PULSES.csv --ocv-from DISCHARGE.csv --out FOLDER
   What the model lacks that a campaign shows:
     eis-bench diagnose DATASET --model FOLDER/model.json --out FOLDER
+  The whole loop on the simulated bench, with follow-up experiments:
+    eis-bench investigate configs/experiments/investigate.toml --yes
   What a pack can give and take, and for how long:
     eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015
     eis-bench sop --model FOLDER/model_4rc.json --series 16 --parallel 3 --ocv-v 3.6
@@ -83,6 +85,8 @@ enum Command {
     Joint(command::joint::JointArgs),
     /// Find where a model and a data set disagree, which effect is missing, and whether adding it closes the gap.
     Diagnose(command::diagnose::DiagnoseArgs),
+    /// Run a campaign, diagnose it, run what the diagnosis asks for within a budget, and diagnose again.
+    Investigate(command::investigate::InvestigateArgs),
     /// Print the catalogue of effects that a model may lack.
     Effects(command::effects::EffectsArgs),
     /// State of power: the most power that can be held, over duration and state of charge.
@@ -204,6 +208,7 @@ pub fn main() -> ExitCode {
         Command::Simulate(args) => command::simulate::simulate(&args),
         Command::Joint(args) => command::joint::joint(&args),
         Command::Diagnose(args) => command::diagnose::diagnose(&args),
+        Command::Investigate(args) => command::investigate::investigate(&args),
         Command::Effects(args) => command::effects::effects(&args),
         Command::Sop(args) => command::sop::sop(&args),
         Command::Study(args) => command::study::study(&args),
@@ -237,6 +242,7 @@ mod tests {
             "ocv",
             "joint",
             "diagnose",
+            "investigate",
             "effects",
             "simulate",
             "pack",

@@ -84,6 +84,9 @@ pub struct Executor<'a> {
     logger_ready: bool,
 }
 
+/// The event from which on current may flow.
+pub const OUTPUT_ON: &str = "bipolar supply: output on";
+
 impl<'a> Executor<'a> {
     /// Makes an executor.
     pub fn new(
@@ -245,6 +248,7 @@ impl<'a> Executor<'a> {
         // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
         let generator_error = self.bench.error("generator");
         require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;
+        self.recorder.event(OUTPUT_ON)?;
         require(&mut self.bench.supply4q, "supply4q")?.energise().await.map_err(&error)?;
         let idle_a = self.watch("idle", fixture).await?.current_a.unwrap_or(0.0);
         let allowed_a =

@@ -2,7 +2,7 @@
 //!
 //! In reading order: [`config`] (files → a checked experiment), [`procedure`] (experiment → [`plan`]), [`interlock`] (reading → trip), [`mod@bench`] (the
 //! named instruments), [`executor`] (plan → instruments → records), [`record`] (the run folder), [`dataset`] (runs of a campaign as a diagnosis wants them), [`sim`] (a simulated world behind mocks),
-//! [`command`] (what the command line does).
+//! [`investigation`] (campaign, diagnosis, and the run that it asks for), [`command`] (what the command line does).
 
 pub mod bench;
 pub mod cli;
@@ -12,6 +12,7 @@ pub mod dataset;
 pub mod executor;
 pub mod fixture_check;
 pub mod interlock;
+pub mod investigation;
 pub mod logging;
 pub mod next_experiment;
 pub mod operator;

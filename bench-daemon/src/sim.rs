@@ -46,7 +46,8 @@ pub enum SimError {
     },
 }
 
-/// A simulated world.
+/// A simulated world; clones are the same world.
+#[derive(Clone)]
 pub struct Simulation {
     world: Arc<Mutex<SimulatedBench>>,
 }

@@ -64,6 +64,8 @@ pub(super) struct Bin {
     pub(super) charge_c: f64,
     /// Current that flowed last, A: the sign of a rest is that of the pulse before it.
     pub(super) last_current_a: f64,
+    /// Variance of the mean by the samples' stated noise, V²; 0 where none is stated.
+    pub(super) stated_v2: f64,
 }
 
 /// Why a run cannot be prepared.
@@ -131,6 +133,9 @@ impl Block {
             }
             RunData::Time(record) => {
                 record.series.validate().map_err(|e| fail("a time series", e.to_string()))?;
+                if let Some(count) = record.sigma_v.as_ref().map(Vec::len).filter(|count| *count != record.series.len()) {
+                    return Err(fail("a stated noise for each sample", format!("{count} for {} samples", record.series.len())));
+                }
                 if !is_cell {
                     return Err(fail("a record in time of a cell", "one of a control".to_owned()));
                 }
@@ -201,6 +206,10 @@ impl TimeBlock {
         let linear = record.between == crate::augmented::Between::Linear;
         let edges = edges(&s.current_a);
         let mut bins = bins(&time_s, &s.current_a, &edges);
+        if let Some(sigma_v) = &record.sigma_v {
+            let count = |b: &Bin| (b.to - b.from) as f64;
+            bins.iter_mut().for_each(|b| b.stated_v2 = sigma_v[b.from..b.to].iter().map(|s| s * s).sum::<f64>() / count(b).powi(2));
+        }
         let compared = time_s.partition_point(|t| *t < record.compared_from_s - start_s);
         bins.retain(|b| b.from >= compared);
         let grid = Grid::new(&time_s, record.between);
@@ -268,7 +277,16 @@ fn bins(time_s: &[f64], current_a: &[f64], edges: &[usize]) -> Vec<Bin> {
                 last_current_a = current;
             }
             let time = mean(time_s);
-            Bin { from, to, time_s: time, since_edge_s: time - time_s[edge], current_a: current, charge_c: mean(&charge_c), last_current_a }
+            Bin {
+                from,
+                to,
+                time_s: time,
+                since_edge_s: time - time_s[edge],
+                current_a: current,
+                charge_c: mean(&charge_c),
+                last_current_a,
+                stated_v2: 0.0,
+            }
         })
         .collect()
 }

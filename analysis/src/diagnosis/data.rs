@@ -112,6 +112,8 @@ pub struct TimeRecord {
     /// Standard deviation of the level beyond the bench's, V: where the open-circuit voltage at the start is not known. Above zero, gaps are taken about
     /// their mean.
     pub level_sigma_v: f64,
+    /// Standard deviation of each voltage's own noise, V, where it is stated: rows that are means of more or fewer samples.
+    pub sigma_v: Option<Vec<f64>>,
 }
 
 /// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data sheets, zero checks.
@@ -140,4 +142,10 @@ pub struct BenchHistory {
     pub current_resolution_a: f64,
     /// Noise of one part of a spectrum's point, as a fraction of |Z|.
     pub eis_noise_rel: f64,
+    /// Error of the meter that start voltages are read with, V: the state of charge at the start is off by as much over the curve's slope.
+    #[serde(default)]
+    pub start_voltage_v: f64,
+    /// Error that the calibration of the current channel leaves, as a fraction: the same in all runs, so that repeats do not show it.
+    #[serde(default)]
+    pub calibration_rel: f64,
 }

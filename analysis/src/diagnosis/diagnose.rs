@@ -238,6 +238,9 @@ fn judge(d: &mut Diagnosis, selection: &Selection, (moved, held_out_z): (Option<
                 .to_owned(),
         );
     }
+    if held_out_z >= GOOD_FIT_Z {
+        d.notes.push(format!("held-out runs are missed by {held_out_z:.1} standard deviations of their χ²"));
+    }
     if let Some(reason) = moved {
         d.verdict = Verdict::Unexplained;
         d.summary = format!("The noise floor itself moved: {reason}. Nothing is named; look for a loose contact or hum.");
@@ -330,7 +333,8 @@ fn sample_floor(prepared: &Prepared, block: usize, time: &super::block::TimeBloc
     let mut floor = Vec::with_capacity(time.voltage_v.len());
     for (bin, sigma) in time.bins.iter().zip(&prepared.problem.floors[block]) {
         let count = (bin.to - bin.from) as f64;
-        floor.extend(std::iter::repeat_n((sigma * sigma - level + white * (1.0 - 1.0 / count)).max(0.0).sqrt(), bin.to - bin.from));
+        let single = white * (1.0 - 1.0 / count) + bin.stated_v2 * (count - 1.0);
+        floor.extend(std::iter::repeat_n((sigma * sigma - level + single).max(0.0).sqrt(), bin.to - bin.from));
     }
     floor
 }

@@ -73,6 +73,8 @@ impl Prior {
             current_noise_a: 2e-4 * greatest,
             current_resolution_a: 0.0,
             eis_noise_rel: 3e-3,
+            start_voltage_v: 0.0,
+            calibration_rel: 0.0,
         };
         let h = history.unwrap_or(guess);
         let sigma = |term: Term| match term {
@@ -160,10 +162,18 @@ impl Shape {
         if time.level_sigma_v > 0.0 {
             known.push(vec![time.level_sigma_v; n]);
         }
+        if let Some((_, gain)) = vectors.iter().find(|(term, _)| *term == Term::Gain).filter(|_| h.calibration_rel > 0.0) {
+            known.push(gain.iter().map(|v| h.calibration_rel * v).collect());
+        }
+        if h.start_voltage_v > 0.0 {
+            let slope_v = |charge_c: f64| base.ocv.slope_v(block.at.soc - charge_c / capacity_c);
+            let start_v = slope_v(0.0).max(1e-6);
+            known.push(time.bins.iter().map(|b| h.start_voltage_v * (1.0 - slope_v(b.charge_c) / start_v)).collect());
+        }
         let correlation = |i: usize, j: usize| (-(time.bins[i].time_s - time.bins[j].time_s).abs() / h.voltage_drift_s.max(1e-3)).exp();
         Self {
             n,
-            fixed: counts.iter().map(|m| fixed_v / m).collect(),
+            fixed: time.bins.iter().zip(&counts).map(|(b, m)| fixed_v / m + b.stated_v2).collect(),
             white: (Term::White, counts.iter().map(|m| 1.0 / m).collect()),
             drift: (0..n * n).map(|ij| correlation(ij / n, ij % n)).collect(),
             vectors,

@@ -26,6 +26,19 @@ pub enum Verdict {
     Invalid,
 }
 
+impl Verdict {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::AtNoiseFloor => "at the noise floor",
+            Self::Explained => "explained",
+            Self::Ambiguous => "ambiguous",
+            Self::Unexplained => "unexplained",
+            Self::Invalid => "invalid",
+        }
+    }
+}
+
 /// A diagnosis as it is written.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Diagnosis {

@@ -123,9 +123,10 @@ impl Prepared {
         let base = &self.problem.base;
         let linear = self.problem.blocks.iter().any(|b| matches!(&b.kind, Kind::Time(t) if t.linear));
         let between = if linear { Between::Linear } else { Between::Hold };
+        let stated_v = stated_noise_v(&self.problem.blocks);
         let mut planned = Problem { base: base.clone(), blocks: Vec::new(), whiteners: Vec::new(), floors: Vec::new() };
         for run in runs {
-            let block = Block::new(&run.unmeasured(between), base)?;
+            let block = Block::new(&run.unmeasured(between, stated_v), base)?;
             let mut covariance = Shape::new(&block, base, &self.prior, desk).covariance(&self.estimate.log_sigmas);
             covariance.iter_mut().for_each(|c| *c /= run.repeat as f64);
             let singular =
@@ -135,6 +136,13 @@ impl Prepared {
         }
         Ok(planned)
     }
+}
+
+/// Root mean square of the stated noise of the records' rows, V; none where none is stated.
+fn stated_noise_v(blocks: &[Block]) -> Option<f64> {
+    let times = blocks.iter().filter_map(|b| if let Kind::Time(t) = &b.kind { Some(t) } else { None });
+    let all: Vec<f64> = times.flat_map(|t| &t.bins).map(|b| b.stated_v2 * (b.to - b.from) as f64).filter(|v| *v > 0.0).collect();
+    (!all.is_empty()).then(|| (all.iter().sum::<f64>() / all.len() as f64).sqrt())
 }
 
 fn facts(set: &DataSet, ocv: &OcvCurve) -> Facts {

@@ -7,6 +7,7 @@ pub mod fit;
 pub mod fit_circuit;
 pub mod fit_more;
 pub mod identify;
+pub mod investigate;
 pub mod joint;
 pub mod kk;
 pub mod mock;

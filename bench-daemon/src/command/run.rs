@@ -21,7 +21,10 @@ use instruments::{
 };
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::{
+    runtime::Runtime,
+    signal::unix::{Signal, SignalKind, signal},
+};
 
 use crate::terminal::say;
 use crate::{
@@ -102,20 +105,63 @@ pub struct Finished {
 /// # Errors
 /// As [`run`].
 pub fn run_experiment(experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
-    let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
-    let operator = Operator::detect();
-    refuse_without_person(experiment, operator)?;
-    let mode = experiment.bench.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time);
-    let runtime = Clock::runtime(mode)?;
-    let outcome = runtime.block_on(async {
-        let clock = Clock::start(mode);
-        let recorder = Recorder::create(folder, clock.clone())?;
-        logging::log_to(&recorder.path("log.txt"), &clock)?;
-        Box::pin(Run { experiment, plan: &plan, clock, operator, recorder }.go()).await
-    });
-    // A thread that still waits for a person's answer must not hold up the end.
-    runtime.shutdown_background();
-    outcome
+    Session::new(&experiment.bench)?.run(experiment, folder)
+}
+
+/// Runs on one bench, one after the other: time goes on from run to run, and so does a simulated world; the bench's correction stays.
+pub struct Session {
+    runtime: Option<Runtime>,
+    clock: Clock,
+    simulation: Option<Simulation>,
+    correction: Option<Correction>,
+}
+
+impl Session {
+    /// A bench on which nothing was run yet.
+    ///
+    /// # Errors
+    /// What the system says when it has no event queue.
+    pub fn new(bench: &config::Bench) -> Result<Self, Failure> {
+        let mode = bench.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time);
+        let runtime = Clock::runtime(mode)?;
+        let clock = runtime.block_on(async { Clock::start(mode) });
+        Ok(Self { runtime: Some(runtime), clock, simulation: None, correction: None })
+    }
+
+    /// Bench time, s.
+    pub fn now_s(&self) -> f64 {
+        self.runtime.as_ref().map_or(0.0, |runtime| runtime.block_on(async { self.clock.now_s() }))
+    }
+
+    /// Runs an experiment into a folder. One without controls of its own takes over the correction of the run before.
+    ///
+    /// # Errors
+    /// As [`run`].
+    pub fn run(&mut self, experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
+        let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
+        let operator = Operator::detect();
+        refuse_without_person(experiment, operator)?;
+        let Some(runtime) = &self.runtime else { return Err(Failure::Panic("the bench's session has ended".to_owned())) };
+        let (clock, simulation) = (self.clock.clone(), self.simulation.clone());
+        let inherited = self.correction.clone().filter(|_| experiment.fixture_check.is_none());
+        let finished = runtime.block_on(async {
+            let recorder = Recorder::create(folder, clock.clone())?;
+            logging::log_to(&recorder.path("log.txt"), &clock)?;
+            Box::pin(Run { experiment, plan: &plan, clock, operator, recorder, before: (simulation, inherited) }.go()).await
+        })?;
+        self.simulation.clone_from(&finished.simulation);
+        self.correction = Some(finished.measured.correction.clone());
+        Ok(finished)
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        // A thread that still waits for a person's answer must not hold up the end.
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
 }
 
 /// A sweep that begins with a person changing the fixture must not fail in the middle of the night for want of one.
@@ -143,6 +189,8 @@ struct Run<'a> {
     clock: Clock,
     operator: Operator,
     recorder: Recorder,
+    /// What the runs before left: the simulated world, and the correction where it is to be kept.
+    before: (Option<Simulation>, Option<Correction>),
 }
 
 impl Run<'_> {
@@ -166,8 +214,9 @@ impl Run<'_> {
         let identities = bench.identify_strictly().await?;
         self.manifest(&identities, "running")?;
         let progress = Progress::new(self.plan.plan());
+        let (around, inherited) = ((&self.clock, &self.operator, &progress), self.before.1.take());
         let outcome = tokio::select! {
-            outcome = caught(drive::drive((&mut bench, &mut self.recorder), self.experiment, self.plan, (&self.clock, &self.operator, &progress))) => outcome,
+            outcome = caught(drive::drive((&mut bench, &mut self.recorder), self.experiment, self.plan, around, inherited)) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
         };
         progress.finish();
@@ -210,7 +259,8 @@ impl Run<'_> {
         let bench = &self.experiment.bench;
         let in_process = bench.instruments.addressed().iter().any(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));
         let Some(section) = bench.simulation.as_ref().filter(|_| in_process) else { return Ok(None) };
-        let simulation = Simulation::new(&section.scenario, self.experiment.seed)?;
+        let known = self.before.0.clone();
+        let simulation = known.map_or_else(|| Simulation::new(&section.scenario, self.experiment.seed), Ok)?;
         simulation.serve_in_process(bench, &self.clock, hub)?;
         Ok(Some(simulation))
     }

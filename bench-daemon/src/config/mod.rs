@@ -12,7 +12,9 @@ use std::path::PathBuf;
 
 use analysis::{
     calibration::{ControlTolerance, KnownImpedance, StrayAdmittance},
+    diagnosis::BenchHistory,
     fit::Objective,
+    ocv::OcvCurve,
 };
 use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
 
@@ -65,6 +67,8 @@ pub struct Bench {
     pub open: Option<StrayAdmittance>,
     /// The simulation behind the addresses, if there is one.
     pub simulation: Option<Simulation>,
+    /// What its past says of its errors, where anything is known.
+    pub history: Option<BenchHistory>,
 }
 
 /// The instruments by role.
@@ -182,6 +186,9 @@ pub struct Cell {
     pub series: u32,
     /// Cells in parallel.
     pub parallel: u32,
+    /// Open-circuit voltage as the data sheet or an earlier cell shows it.
+    #[serde(skip)]
+    pub ocv: Option<OcvCurve>,
 }
 
 /// A temperature to hold.

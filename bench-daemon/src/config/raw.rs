@@ -1,6 +1,6 @@
 //! The files as they are typed: these structures mirror the TOML, and nothing else reads them than `resolve`.
 
-use analysis::dataset::Role;
+use analysis::{dataset::Role, diagnosis::BenchHistory};
 use serde::Deserialize;
 
 use super::quantity::{
@@ -195,6 +195,7 @@ pub(super) struct Bench {
     #[serde(default)]
     pub(super) controls: Controls,
     pub(super) simulation: Option<Simulation>,
+    pub(super) history: Option<BenchHistory>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -289,6 +290,15 @@ pub(super) struct Cell {
     pub(super) temperature_min: Quantity<Temperature>,
     pub(super) temperature_max: Quantity<Temperature>,
     pub(super) pack: Pack,
+    pub(super) ocv: Option<Ocv>,
+}
+
+/// Knots of the open-circuit voltage over the state of charge.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Ocv {
+    pub(super) soc: Vec<f64>,
+    pub(super) voltage_v: Vec<f64>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -2,7 +2,10 @@
 
 use std::path::Path;
 
-use analysis::calibration::{KnownImpedance, StrayAdmittance};
+use analysis::{
+    calibration::{KnownImpedance, StrayAdmittance},
+    ocv::OcvCurve,
+};
 use fixtures::Scenario;
 use instruments::{chiller, clock::TimeMode, generator, instrument::Model, jig, load, logger, scope, supply, supply4q, transport::Address};
 
@@ -106,6 +109,7 @@ fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
         short: raw.controls.short.as_ref().map(|short| known(source, "controls.short", short)).transpose()?,
         open: raw.controls.open.as_ref().map(|open| stray(source, open)).transpose()?,
         simulation,
+        history: raw.history,
     })
 }
 
@@ -268,6 +272,10 @@ fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
     if raw.pack.series == 0 || raw.pack.parallel == 0 {
         return Err(source.complain("pack", "expected at least one cell in series and one in parallel"));
     }
+    let curve = |ocv: raw::Ocv| {
+        OcvCurve::monotone(raw.capacity.si / 3600.0, ocv.soc, ocv.voltage_v).map_err(|error| source.complain("ocv", error.to_string()))
+    };
+    let ocv = raw.ocv.map(curve).transpose()?;
     Ok(Cell {
         name: raw.name,
         capacity_c: raw.capacity.si,
@@ -281,5 +289,6 @@ fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
         },
         series: raw.pack.series,
         parallel: raw.pack.parallel,
+        ocv,
     })
 }

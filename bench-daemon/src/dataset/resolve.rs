@@ -156,7 +156,7 @@ impl Resolver<'_> {
         }
         let level_sigma_v = at.positive("level_sigma_v", entry.level_sigma_v)?.unwrap_or(0.0);
         let between = entry.current_between_samples.unwrap_or(Between::Linear);
-        Ok(Ok(RunData::Time(TimeRecord { series: part, between, compared_from_s, level_sigma_v })))
+        Ok(Ok(RunData::Time(TimeRecord { series: part, between, compared_from_s, level_sigma_v, sigma_v: None })))
     }
 }
 

@@ -6,7 +6,9 @@ use std::path::Path;
 
 use analysis::{
     augmented::Between,
+    dataset::read_trace_csv,
     diagnosis::{DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
+    series::TimeSeries,
 };
 use serde::Deserialize;
 
@@ -16,12 +18,15 @@ use super::{
     raw::Direction,
     resolve::{CONTROL_SOC, stem},
 };
-use crate::config::ConfigError;
+use crate::{config::ConfigError, executor::OUTPUT_ON};
 
 const INDEX: &str = "traces.json";
 const MANIFEST: &str = "manifest.json";
 const SPECTRUM: &str = "spectrum.csv";
 const READINGS: &str = "readings.csv";
+const EVENTS: &str = "events.csv";
+/// Standard deviation of a voltage that nobody has measured, V: by as much can an offset of the supply move it.
+const UNSEEN_V: f64 = 3e-3;
 /// Taken where a run was made without a thermometer, °C.
 const ROOM_C: f64 = 25.0;
 
@@ -92,6 +97,7 @@ struct TraceEntry {
     repeat_group: String,
     current_positive: Direction,
     current_between_samples: Between,
+    sample_sigma_v: f64,
 }
 
 struct Reader<'a> {
@@ -139,7 +145,11 @@ impl Reader<'_> {
         let name = stem(&entry.file);
         let read = self.files.series(&self.folder.join(&entry.file), Some(entry.current_positive.sign()));
         let part = read.map(|series| files::window(series, f64::NEG_INFINITY, f64::INFINITY));
-        let Some(Some(series)) = self.or_problem(&name, part)? else { return Ok(()) };
+        let Some(Some(mut series)) = self.or_problem(&name, part)? else { return Ok(()) };
+        let mut sigma_v = self.noise(entry, series.len())?;
+        if let Some(sigma_v) = &mut sigma_v {
+            self.rest_before(entry, (&mut series, sigma_v))?;
+        }
         let temperature_c = self.temperature(&name, entry.temperature_c);
         self.loaded.set.runs.push(Run {
             name,
@@ -150,8 +160,40 @@ impl Reader<'_> {
             start_s: entry.start_time_s - first_s,
             temperature_c,
             start: Start::Ocv(entry.start_ocv_v),
-            data: RunData::Time(TimeRecord { series, between: entry.current_between_samples, compared_from_s: 0.0, level_sigma_v: 0.0 }),
+            data: RunData::Time(TimeRecord {
+                series,
+                between: entry.current_between_samples,
+                compared_from_s: 0.0,
+                level_sigma_v: 0.0,
+                sigma_v,
+            }),
         });
+        Ok(())
+    }
+
+    /// Noise of each row: that of one sample of the scope, less by as many as the row is the mean of.
+    fn noise(&self, entry: &TraceEntry, rows: usize) -> Result<Option<Vec<f64>>, ConfigError> {
+        let read = read_trace_csv(&self.folder.join(&entry.file)).map_err(|error| self.complain(&entry.file, error.to_string()))?;
+        let sigma_v: Vec<f64> = read.iter().map(|row| entry.sample_sigma_v / row.samples.max(1.0).sqrt()).collect();
+        Ok((sigma_v.len() == rows && sigma_v.iter().all(|s| *s > 0.0)).then_some(sigma_v))
+    }
+
+    /// Puts the end of the rest before the first row: once the supply is up, its offset flows. Nothing is seen of the voltage then.
+    fn rest_before(&self, entry: &TraceEntry, (series, sigma_v): (&mut TimeSeries, &mut Vec<f64>)) -> Result<(), ConfigError> {
+        let first = read_trace_csv(&self.folder.join(&entry.file)).map_err(|error| self.complain(&entry.file, error.to_string()))?;
+        let path = self.folder.join(EVENTS);
+        let text = std::fs::read_to_string(&path).map_err(|error| unreadable(&path, &error.to_string()))?;
+        let ups = text.lines().filter(|line| line.contains(OUTPUT_ON)).filter_map(|line| line.split(',').next()?.parse::<f64>().ok());
+        let Some(up_s) = ups.filter(|up_s| *up_s < entry.start_time_s).last() else { return Ok(()) };
+        let since_s = first.first().map_or(0.0, |row| row.time_s) + entry.start_time_s - up_s;
+        series.time_s.iter_mut().for_each(|time_s| *time_s += since_s);
+        series.time_s.insert(0, 0.0);
+        series.current_a.insert(0, series.current_a[0]);
+        series.voltage_v.insert(0, entry.start_ocv_v);
+        if let Some(all) = &mut series.temperature_c {
+            all.insert(0, all[0]);
+        }
+        sigma_v.insert(0, UNSEEN_V);
         Ok(())
     }
 

@@ -196,6 +196,8 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
         current_noise_a: 0.03,
         current_resolution_a: 0.1,
         eis_noise_rel: 1e-3,
+        start_voltage_v: 0.0,
+        calibration_rel: 0.0,
     };
     let set = DataSet {
         name: "whole".to_owned(),
@@ -204,7 +206,7 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
             run(
                 "a pulse, 20 A",
                 Fixture::Cell("P45B 3".to_owned()),
-                RunData::Time(TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0 }),
+                RunData::Time(TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v: None }),
             ),
         ],
         history: Some(history),

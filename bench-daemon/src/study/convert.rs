@@ -31,6 +31,8 @@ fn history(h: &hidden::BenchHistory) -> BenchHistory {
         current_noise_a: h.current_noise_a,
         current_resolution_a: h.current_resolution_a,
         eis_noise_rel: h.eis_noise_rel,
+        start_voltage_v: 0.0,
+        calibration_rel: 0.0,
     }
 }
 
@@ -63,7 +65,7 @@ pub fn run(run: &hidden::Run) -> Run {
                 voltage_v: voltage_v.clone(),
                 temperature_c: temperature_c.clone(),
             };
-            RunData::Time(TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0 })
+            RunData::Time(TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v: None })
         }
     };
     Run {

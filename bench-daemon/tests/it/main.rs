@@ -10,6 +10,7 @@ mod diagnose;
 mod fit;
 mod fit_circuit;
 mod gate;
+mod investigate;
 mod kill;
 mod kk;
 mod mock_process;

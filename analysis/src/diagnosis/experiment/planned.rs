@@ -98,13 +98,14 @@ impl PlannedRun {
     }
 
     /// The first repeat with zeros for what will be measured, sampled as a campaign's runs are: dense after an edge.
-    pub(in crate::diagnosis) fn unmeasured(&self, between: Between) -> Run {
+    pub(in crate::diagnosis) fn unmeasured(&self, between: Between, sigma_v: Option<f64>) -> Run {
         let data = match &self.what {
             Planned::Trace(segments) => {
                 let (time_s, current_a) = samples(segments);
                 let voltage_v = vec![0.0; time_s.len()];
                 let series = TimeSeries { name: self.name.clone(), time_s, current_a, voltage_v, temperature_c: None };
-                RunData::Time(TimeRecord { series, between, compared_from_s: 0.0, level_sigma_v: 0.0 })
+                let sigma_v = sigma_v.map(|sigma_v| vec![sigma_v; series.len()]);
+                RunData::Time(TimeRecord { series, between, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v })
             }
             Planned::Eis { freq_hz, amplitude_a } => {
                 let point = |f: &f64| SweepPoint { freq_hz: *f, z_ohm: Complex64::ZERO, sigma_ohm: None, amplitude_a: Some(*amplitude_a) };

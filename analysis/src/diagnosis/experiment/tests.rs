@@ -195,7 +195,7 @@ fn a_planned_run_counts_its_repeats_and_samples_densely_after_edges() {
     // 900 + 92 and twice 600 + 92.
     assert!((run.duration_s() - 2376.0).abs() < 1e-9 && (run.repeat_start_s(2) - 2384.0).abs() < 1e-9);
     assert!((run.what.charge_c() - 600.0).abs() < 1e-9);
-    let RunData::Time(record) = run.unmeasured(crate::augmented::Between::Hold).data else { panic!("a record") };
+    let RunData::Time(record) = run.unmeasured(crate::augmented::Between::Hold, None).data else { panic!("a record") };
     let s = record.series;
     assert!(s.validate().is_ok() && s.time_s[s.len() - 1] == 92.0);
     let from = s.time_s.partition_point(|t| *t < 2.0);

@@ -170,10 +170,11 @@ struct Inspection<'a> {
 }
 
 impl Inspection<'_> {
-    /// Standard deviation of one voltage sample, V: the bench's history, else the scatter of the record's own steps.
+    /// Standard deviation of one voltage sample, V: the bench's history and what is stated, else the scatter of the record's own steps.
     fn sample_noise_v(&self, record: &TimeRecord) -> f64 {
         if let Some(h) = self.set.history {
-            return h.voltage_noise_v.hypot(h.voltage_resolution_v / 12f64.sqrt());
+            let stated = record.sigma_v.as_ref().map_or(0.0, |sigma_v| median(sigma_v.clone()));
+            return h.voltage_noise_v.hypot(h.voltage_resolution_v / 12f64.sqrt()).hypot(stated);
         }
         let steps: Vec<f64> = record.series.voltage_v.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
         // Half the steps of two normal numbers are below 0.954 of their standard deviation.

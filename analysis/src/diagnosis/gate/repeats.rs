@@ -103,17 +103,20 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
 /// How far a run is from the median of its group (of two: from their mean), in standard deviations of the history.
 fn off_by(subject: &Subject<'_>, members: &[&Subject<'_>], history: &BenchHistory) -> f64 {
     if let Some((own, expected_v)) = subject.record() {
-        let like: Vec<&TimeRecord> = members.iter().filter_map(|m| m.record()).map(|(r, _)| r).filter(|r| same_times(r, own)).collect();
+        let like: Vec<(&TimeRecord, &[f64])> = members.iter().filter_map(|m| m.record()).filter(|(r, _)| same_times(r, own)).collect();
         if like.len() < 2 {
             return 0.0;
         }
         let squares = (0..expected_v.len()).map(|k| {
-            let middle_v = median(like.iter().map(|r| r.series.voltage_v[k]).collect());
+            // Repeats begin where the run before has left the cell: what the model lacks is the same in all, what it expects is not.
+            let left_v = |(record, expected_v): &(&TimeRecord, &[f64])| record.series.voltage_v[k] - expected_v[k];
+            let middle_v = median(like.iter().map(left_v).collect());
             let drop_v = expected_v[k] - expected_v[0];
             let level = history.voltage_noise_v.powi(2) + history.voltage_offset_v.powi(2) + history.voltage_drift_v.powi(2);
             let code = history.voltage_resolution_v.powi(2) / 12.0;
+            let stated = own.sigma_v.as_ref().map_or(0.0, |sigma_v| sigma_v[k].powi(2));
             let size = (history.resistance_rel.powi(2) + history.current_gain_rel.powi(2)) * drop_v * drop_v;
-            (own.series.voltage_v[k] - middle_v).powi(2) / (level + code + size)
+            (left_v(&(own, expected_v)) - middle_v).powi(2) / (level + code + stated + size)
         });
         return trimmed_root(squares.collect());
     }

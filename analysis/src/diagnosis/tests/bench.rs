@@ -73,6 +73,8 @@ pub(super) const HISTORY: BenchHistory = BenchHistory {
     current_noise_a: 0.0,
     current_resolution_a: 0.0,
     eis_noise_rel: 1e-3,
+    calibration_rel: 0.0,
+    start_voltage_v: 0.0,
 };
 
 /// Segments of current (s, A, discharge positive).
@@ -168,6 +170,7 @@ pub(super) fn campaign(seed: u64, train: &Hidden, held_out: &Hidden) -> DataSet 
             between: Between::Hold,
             compared_from_s: 0.0,
             level_sigma_v: 0.0,
+            sigma_v: None,
         })
     };
     for _ in 0..3 {

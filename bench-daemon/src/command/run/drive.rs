@@ -28,17 +28,22 @@ pub(super) async fn drive(
     experiment: &Experiment,
     plan: &Checked,
     (clock, operator, progress): (&Clock, &Operator, &Progress),
+    inherited: Option<Correction>,
 ) -> Result<Measured, Failure> {
     safe(bench.safe_state().await, Ok(()))?;
     let mut measured = Measured {
         controls: Vec::new(),
         sweeps: BTreeMap::new(),
-        correction: Correction::none(experiment.bench.wiring.shunt),
+        correction: inherited.clone().unwrap_or_else(|| Correction::none(experiment.bench.wiring.shunt)),
         spectrum: Spectrum { name: experiment.name.clone(), points: Vec::new() },
         repeats: Vec::new(),
     };
     recorder.about(&experiment.cell.name, experiment.cell.capacity_c);
     let mut executor = Executor::new((bench, recorder), experiment, clock.clone(), (operator, progress));
+    if let Some(correction) = inherited {
+        executor.recorder.json("correction.json", &correction)?;
+        executor.correction = correction;
+    }
     for stage in &plan.plan().stages {
         let Purpose::Sweep(fixture, repeat) = stage.purpose else {
             executor.stage(stage, &mut |_, _| Ok(())).await?;
@@ -71,7 +76,13 @@ async fn sweep(
     measured: &mut Measured,
 ) -> Result<Vec<SweepPoint>, Failure> {
     let (name, experiment, correction) = (sweep_name(fixture, repeat), executor.experiment, measured.correction.clone());
-    let file = if repeat > 1 { format!("spectrum_{repeat}.csv") } else { "spectrum.csv".to_owned() };
+    let cell = fixture == Fixture::Cell;
+    let corrected = cell || (repeat > 0 && correction.reduced_chi2.is_some());
+    let file = match (cell, repeat) {
+        (true, 0 | 1) => "spectrum.csv".to_owned(),
+        (true, _) => format!("spectrum_{repeat}.csv"),
+        (false, _) => format!("spectrum_{name}.csv"),
+    };
     let mut spectrum = Spectrum { name: experiment.name.clone(), points: Vec::new() };
     let start_time_s = executor.clock.now_s();
     let mut on_point = |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
@@ -79,10 +90,10 @@ async fn sweep(
         for point in &raw {
             recorder.spectrum_point(&format!("raw_{name}.csv"), point)?;
         }
-        if fixture == Fixture::Cell {
-            let corrected = correction.apply(&point.phasors);
-            recorder.spectrum_point(&file, &corrected)?;
-            spectrum.points.push(corrected);
+        if corrected {
+            let point = correction.apply(&point.phasors);
+            recorder.spectrum_point(&file, &point)?;
+            spectrum.points.push(point);
         }
         for warning in &point.warnings {
             recorder.point_warning(&name, point.phasors.freq_hz, warning);
@@ -90,9 +101,8 @@ async fn sweep(
         Ok(())
     };
     let points = executor.stage(stage, &mut on_point).await?;
-    let cell = fixture == Fixture::Cell;
     if repeat > 0 {
-        let file = if cell { file } else { format!("raw_{name}.csv") };
+        let file = if corrected { file } else { format!("raw_{name}.csv") };
         let entry = entry(executor, (fixture, repeat), (file, start_time_s), measured);
         executor.recorder.sweep(entry)?;
     }
@@ -116,7 +126,7 @@ fn entry(
         file,
         fixture: fixture_name(fixture).to_owned(),
         fixture_ohm: (!cell).then_some(fixture_check::known(&experiment.bench, fixture).r_ohm),
-        corrected: cell && measured.correction.reduced_chi2.is_some(),
+        corrected: measured.correction.reduced_chi2.is_some(),
         amplitude_a: experiment.eis.as_ref().map_or(f64::NAN, |eis| eis.amplitude_a),
         repeat,
         order: executor.recorder.measured(),

@@ -53,6 +53,8 @@ pub(super) fn history() -> BenchHistory {
         current_noise_a: 0.03,
         current_resolution_a: 0.1,
         eis_noise_rel: 1e-3,
+        start_voltage_v: 0.0,
+        calibration_rel: 0.0,
     }
 }
 
@@ -161,7 +163,7 @@ fn record(segments: Segments, hidden: &Hidden, order: f64, chance: &mut Chance) 
         shown_a.push(((mean + 0.03 * chance.normal()) / 0.1).round() * 0.1);
     }
     let series = TimeSeries { name: "s".to_owned(), time_s, current_a: shown_a, voltage_v, temperature_c: None };
-    TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0 }
+    TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v: None }
 }
 
 fn sweep(control_ohm: Option<f64>, hidden: &Hidden, order: f64, chance: &mut Chance) -> Sweep {

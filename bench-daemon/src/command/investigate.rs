@@ -1,0 +1,100 @@
+//! `eis-bench investigate`: measures, diagnoses, and measures what the diagnosis asks for, within a budget.
+
+use std::{io::BufRead, path::PathBuf};
+
+use analysis::diagnosis::report;
+
+use super::{Failure, files};
+use crate::{
+    config::load_experiment,
+    investigation::{Budget, Investigation, Means, investigate as play},
+    operator::Operator,
+    terminal::{remark, say},
+};
+
+/// Arguments of `investigate`.
+#[derive(Debug, clap::Args)]
+pub struct InvestigateArgs {
+    /// The experiment file of the first campaign.
+    pub experiment: PathBuf,
+    /// Folder of the investigation [default: runs/NAME-investigation]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Another seed than the experiment's, for the simulation and the fits' searches.
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Time on the bench for experiments after the campaign, min.
+    #[arg(long, default_value_t = 240.0, value_name = "MIN")]
+    pub budget_minutes: f64,
+    /// Charge that they may move in either direction, Ah.
+    #[arg(long, default_value_t = 20.0, value_name = "AH")]
+    pub budget_ah: f64,
+    /// Confirm the budget without being asked.
+    #[arg(long)]
+    pub yes: bool,
+    /// The OCV curve, as `ocv --out` writes it (`ocv.json`); else that of the cell's file.
+    #[arg(long, value_name = "JSON")]
+    pub ocv: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Plays the investigation and prints how it ends.
+///
+/// # Errors
+/// A file or an argument that is not as expected, a budget that nobody confirms, before anything is energised; later whatever ends a run.
+pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
+    let mut experiment = load_experiment(&args.experiment, None)?;
+    experiment.seed = args.seed.unwrap_or(experiment.seed);
+    let given = args.ocv.as_deref().map(files::read_curve).transpose()?;
+    let ocv = given.or_else(|| experiment.cell.ocv.clone()).ok_or_else(|| {
+        Failure::Usage(
+            "expected an OCV curve: a section [ocv] in the cell's file, or --ocv with a file of `ocv --out`; found neither".to_owned(),
+        )
+    })?;
+    let budget = budget(args)?;
+    let out = args.out.clone().unwrap_or_else(|| PathBuf::from("runs").join(format!("{}-investigation", experiment.name)));
+    let investigation = play(&experiment, &Means { out: &out, ocv, budget })?;
+    if args.json {
+        say!("{}", serde_json::to_string_pretty(&investigation).map_err(|error| Failure::Analysis(error.to_string()))?);
+        return Ok(());
+    }
+    print(&investigation);
+    say!("written to {}", out.display());
+    Ok(())
+}
+
+/// The budget, confirmed once.
+fn budget(args: &InvestigateArgs) -> Result<Budget, Failure> {
+    let budget = Budget { minutes: args.budget_minutes, charge_ah: args.budget_ah };
+    if !(budget.minutes >= 0.0 && budget.charge_ah >= 0.0) {
+        let text = format!("expected a budget of 0 or more, found {} min and {} Ah", budget.minutes, budget.charge_ah);
+        return Err(Failure::Usage(text));
+    }
+    if args.yes {
+        return Ok(budget);
+    }
+    if Operator::detect() == Operator::Nobody {
+        return Err(Failure::Usage("expected the budget to be confirmed: give --yes, standard input is no terminal".to_owned()));
+    }
+    remark!("After the campaign, experiments may take {} min and move {} Ah. Type `yes`:", budget.minutes, budget.charge_ah);
+    let mut line = String::new();
+    std::io::stdin().lock().read_line(&mut line)?;
+    if line.trim() == "yes" {
+        Ok(budget)
+    } else {
+        Err(Failure::Usage(format!("expected `yes`, found {:?}: nothing was begun", line.trim())))
+    }
+}
+
+fn print(investigation: &Investigation) {
+    for step in &investigation.steps {
+        if let Some(bought) = &step.bought {
+            say!("{}: {}, {:.0} min", step.folder, bought.experiment.description, bought.minutes);
+        }
+        say!("{}: {}", step.folder, step.verdict.words());
+    }
+    say!("{}", report::text(&investigation.diagnosis));
+    say!("the investigation ended: {}", investigation.end_text);
+}

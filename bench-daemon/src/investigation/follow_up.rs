@@ -1,0 +1,110 @@
+//! Planned runs → an experiment on the same bench and cell. The controls are not measured again: the correction stays.
+
+use analysis::{
+    dataset::Role,
+    diagnosis::{DataSet, Fixture, Planned, PlannedRun, Start},
+    ocv::OcvCurve,
+};
+use instruments::mock::plant;
+
+use crate::config::{Experiment, Segment, Trace};
+
+/// State of charge by which the cell may be elsewhere without being brought back.
+const SOC_NEAR: f64 = 0.05;
+/// Temperature by which the cell may be elsewhere, K.
+const NEAR_K: f64 = 2.0;
+/// The controls in the jig must be those that were planned with, as a share.
+const CONTROL_NEAR: f64 = 0.05;
+/// Open-circuit voltages around the planned one at which a trace may begin, V.
+const START_WITHIN_V: f64 = 0.06;
+/// Shortest segment, s.
+const SHORTEST_S: f64 = 0.5;
+/// Frequencies below this are swept with few periods, Hz: each takes minutes.
+const SLOW_HZ: f64 = 0.05;
+/// So many are waited for and so many recorded: a screen may be two and a half times as long as asked for, and must fill.
+const SLOW_PERIODS: (f64, f64) = (6.0, 2.0);
+
+/// The experiment that plays planned runs. Errors tell in words what this bench or campaign lacks.
+pub(super) fn experiment(first: &Experiment, set: &DataSet, (runs, ocv): (&[PlannedRun], &OcvCurve)) -> Result<Experiment, String> {
+    let [run] = runs else { return Err(format!("expected one planned run, found {}", runs.len())) };
+    let mut experiment = Experiment {
+        name: format!("{}-{}", first.name, run.name),
+        fixture_check: None,
+        soc_reset: None,
+        eis: None,
+        traces: Vec::new(),
+        ..first.clone()
+    };
+    if matches!(run.fixture, Fixture::Cell(_)) {
+        bring((&mut experiment, first), set, (run, ocv))?;
+    } else {
+        experiment.temperature = None;
+    }
+    match &run.what {
+        Planned::Trace(segments) => experiment.traces.push(trace(first, (run, ocv), segments)?),
+        Planned::Eis { freq_hz, amplitude_a } => {
+            let mut eis = first.eis.clone().ok_or("the campaign sweeps nothing")?;
+            eis.fixture = fixture(first, &run.fixture)?;
+            (eis.repeat, eis.rest_s, eis.amplitude_a) = (run.repeat, run.settle_s.min(600.0), *amplitude_a);
+            if freq_hz.first().is_some_and(|f| *f < SLOW_HZ) {
+                (eis.periods, eis.periods_on_screen) = SLOW_PERIODS;
+            }
+            eis.freqs_hz.clone_from(freq_hz);
+            experiment.eis = Some(eis);
+        }
+    }
+    Ok(experiment)
+}
+
+/// Brings the cell to another temperature or state of charge, where that is planned.
+fn bring((experiment, first): (&mut Experiment, &Experiment), set: &DataSet, (run, ocv): (&PlannedRun, &OcvCurve)) -> Result<(), String> {
+    let soc = |start: Start| if let Start::Ocv(v) = start { ocv.soc_at(v).unwrap_or(f64::NAN) } else { f64::NAN };
+    let cells = || set.runs.iter().filter(|run| matches!(run.fixture, Fixture::Cell(_)));
+    let (Some(begin), Some(last)) = (cells().min_by_key(|run| run.order), cells().max_by_key(|run| run.order)) else {
+        return Err("the cell was never measured".to_owned());
+    };
+    if (run.temperature_c - begin.temperature_c).abs() > NEAR_K {
+        let held = experiment.temperature.as_mut().ok_or("the campaign holds no temperature")?;
+        held.setpoint_c = run.temperature_c;
+    }
+    let now = soc(last.start);
+    if (run.soc - now).abs() > SOC_NEAR {
+        // The reset ends at the campaign's state of charge: its voltages are moved by as much as the open-circuit voltage is to move.
+        let mut reset = first.soc_reset.ok_or("the campaign has no reset of the state of charge")?;
+        let shift_v = ocv.voltage_v(run.soc) - ocv.voltage_v(soc(begin.start));
+        reset.discharge_until_v += shift_v;
+        reset.charge_until_v += shift_v;
+        experiment.soc_reset = Some(reset);
+    }
+    Ok(())
+}
+
+fn trace(first: &Experiment, (run, ocv): (&PlannedRun, &OcvCurve), segments: &[(f64, f64)]) -> Result<Trace, String> {
+    let like = first.traces.first().ok_or("the campaign has no trace to take its sampling from")?;
+    let (middle_v, limits) = (ocv.voltage_v(run.soc), &first.cell.limits);
+    let segment = |(span_s, amps): &(f64, f64)| Segment { current_a: 0.0 - amps, duration_s: span_s.max(SHORTEST_S) };
+    Ok(Trace {
+        name: run.name.clone(),
+        role: Role::Train,
+        repeat_group: run.repeat_group.clone(),
+        repeat: run.repeat,
+        rest_s: run.settle_s.min(600.0),
+        start_v: ((middle_v - START_WITHIN_V).max(limits.min_v), (middle_v + START_WITHIN_V).min(limits.max_v)),
+        segments: segments.iter().map(segment).collect(),
+        ..like.clone()
+    })
+}
+
+/// The fixture of the bench that a planned one is.
+fn fixture(first: &Experiment, planned: &Fixture) -> Result<plant::Fixture, String> {
+    match planned {
+        Fixture::Cell(_) => Ok(plant::Fixture::Cell),
+        Fixture::Shunt(ohm) => {
+            let have_ohm = first.bench.wiring.shunt.r_ohm;
+            let fits = (have_ohm / ohm - 1.0).abs() < CONTROL_NEAR;
+            fits.then_some(plant::Fixture::Shunt)
+                .ok_or_else(|| format!("it wants a shunt of {:.1} mΩ, the bench's has {:.2} mΩ", 1e3 * ohm, 1e3 * have_ohm))
+        }
+        Fixture::FakeCell(_) => Err("a sweep of the fake cell is none of the cell's data".to_owned()),
+    }
+}

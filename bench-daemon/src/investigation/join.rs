@@ -1,0 +1,52 @@
+//! Run folders as one data set: the campaign's, and those of the experiments after it, in one count of time and order.
+
+use std::path::Path;
+
+use analysis::{
+    dataset::RunIndex,
+    diagnosis::{Planned, PlannedRun, RunData},
+};
+
+use crate::{
+    command::Failure,
+    config::{ConfigError, Experiment},
+    dataset::{Loaded, read_dataset},
+};
+
+/// The first campaign, with the bench's history.
+pub(super) fn campaign(folder: &Path, experiment: &Experiment) -> Result<Loaded, Failure> {
+    let mut loaded = read_dataset(folder)?;
+    loaded.set.history = experiment.bench.history;
+    Ok(loaded)
+}
+
+/// Adds the runs of an experiment to those before it: they come later, and repeat what the plan says that they repeat.
+pub(super) fn add(loaded: &mut Loaded, (first, folder): (&Path, &Path), planned: &[PlannedRun]) -> Result<(), Failure> {
+    let mut more = read_dataset(folder)?;
+    let later_s = begin_s(folder)? - begin_s(first)?;
+    let orders = loaded.set.runs.iter().map(|run| run.order + 1).max().unwrap_or(0);
+    let prefix = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    for run in &mut more.set.runs {
+        run.name = format!("{prefix}_{}", run.name);
+        run.order += orders;
+        run.start_s += later_s;
+        let swept = matches!(run.data, RunData::Eis(_));
+        if let Some(plan) = planned.iter().find(|plan| matches!(plan.what, Planned::Eis { .. }) == swept) {
+            run.repeat_group.clone_from(&plan.repeat_group);
+        }
+    }
+    loaded.set.runs.extend(more.set.runs);
+    loaded.problems.extend(more.problems);
+    loaded.notes.extend(more.notes);
+    Ok(())
+}
+
+/// Bench time of a folder's first run, s.
+fn begin_s(folder: &Path) -> Result<f64, Failure> {
+    let path = folder.join("traces.json");
+    let fail = |reason: String| Failure::Config(ConfigError::Unreadable { path: path.clone(), reason });
+    let text = std::fs::read_to_string(&path).map_err(|error| fail(error.to_string()))?;
+    let index: RunIndex = serde_json::from_str(&text).map_err(|error| fail(error.to_string()))?;
+    let starts = index.sweeps.iter().map(|sweep| sweep.start_time_s).chain(index.traces.iter().map(|trace| trace.start_time_s));
+    Ok(starts.fold(f64::INFINITY, f64::min))
+}

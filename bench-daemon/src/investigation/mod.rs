@@ -1,0 +1,272 @@
+//! The closed loop: a campaign, a model fitted to its sweeps, a diagnosis; then the run that the diagnosis asks for, on the same bench, and a
+//! diagnosis of everything measured so far, until nothing is open or the means are at their end.
+//!
+//! Not here: what a run is (`command::run`), what a diagnosis is (`analysis::diagnosis`). A simulated world is one and the same over all runs: its time,
+//! its charge, its wear and its noise go on; the diagnosis sees its files alone.
+
+mod follow_up;
+mod join;
+mod page;
+
+use std::path::{Path, PathBuf};
+
+use analysis::{
+    diagnosis::{BaseModel, BenchLimits, Diagnosis, DiagnosisOptions, NextExperiment, Outcome, PlannedRun, Verdict, gate},
+    fit::{Bounds, CellSweeps, FitOptions, ModelFile, OrderOptions, fit_erm, select_order},
+    ocv::OcvCurve,
+    spectrum::Spectrum,
+};
+use serde::Serialize;
+
+use crate::{
+    command::{
+        Failure,
+        run::{Measured, Session},
+    },
+    config::Experiment,
+    dataset::{Loaded, write_dataset},
+    procedure,
+};
+
+/// Name of the schema of `investigation.json`.
+const SCHEMA: &str = "eis-bench/investigation";
+/// Runs that a diagnosis may ask for, at most.
+const MOST_RUNS: usize = 4;
+/// Highest order that is tried where the experiment leaves the order open.
+const MOST_RC: usize = 6;
+/// Part of a limit that planned currents use: what is driven scatters around what is commanded.
+const LIMIT_PART: f64 = 0.94;
+/// Greatest current of the bipolar supplies that drive traces, A.
+const BENCH_A: f64 = 20.0;
+
+/// Highest frequency of a planned sweep, Hz: beyond it the bipolar supply falls behind.
+const HIGHEST_HZ: f64 = 1000.0;
+
+/// What may be spent after the first campaign.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Budget {
+    /// Time on the bench, min.
+    pub minutes: f64,
+    /// Charge moved in either direction, Ah.
+    pub charge_ah: f64,
+}
+
+/// What an investigation works with.
+#[derive(Debug, Clone)]
+pub struct Means<'a> {
+    /// Folder of everything that is written; new or empty.
+    pub out: &'a Path,
+    /// The open-circuit voltage that the model is given.
+    pub ocv: OcvCurve,
+    /// What may be spent.
+    pub budget: Budget,
+}
+
+/// How an investigation ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum End {
+    /// What is missing has a name.
+    Explained,
+    /// Nothing is missing.
+    AtNoiseFloor,
+    /// The data cannot be used.
+    Invalid,
+    /// No run of the menu would tell more.
+    NoExperiment,
+    /// The run that would tell more was played already.
+    Repeated,
+    /// This bench cannot play the run that would tell more.
+    NotPlayable,
+    /// What is left of the budget does not pay for the run that would tell more.
+    Budget,
+}
+
+/// A run that was bought to settle what was open.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Bought {
+    /// What was recommended.
+    pub experiment: NextExperiment,
+    /// Time that it took on the bench, min.
+    pub minutes: f64,
+}
+
+/// One measurement and what follows from everything measured until then.
+#[derive(Debug, Clone, Serialize)]
+pub struct Step {
+    /// Run folder beside the investigation's files.
+    pub folder: String,
+    /// The experiment; none for the first campaign.
+    pub bought: Option<Bought>,
+    /// Verdict.
+    pub verdict: Verdict,
+    /// Names given.
+    pub effects: Vec<&'static str>,
+    /// Names that could stand for them.
+    pub rivals: Vec<&'static str>,
+    /// In words.
+    pub summary: String,
+}
+
+/// An investigation as it is written.
+#[derive(Debug, Clone, Serialize)]
+pub struct Investigation {
+    /// Name of the schema.
+    pub schema: &'static str,
+    /// Name of the experiment.
+    pub name: String,
+    /// What might be spent.
+    pub budget: Budget,
+    /// What was spent of it.
+    pub spent: Budget,
+    /// Measurements and verdicts in order.
+    pub steps: Vec<Step>,
+    /// How it ended.
+    pub end: End,
+    /// The end in words.
+    pub end_text: String,
+    /// The last diagnosis.
+    pub diagnosis: Diagnosis,
+}
+
+/// Plays an investigation and writes `investigation.json`, `investigation.md`, `model.json`, the joined data set, and a run folder per step.
+///
+/// # Errors
+/// A run that ended early, a model that cannot be fitted, a folder that cannot be written.
+pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investigation, Failure> {
+    let mut session = Session::new(&experiment.bench)?;
+    let first = means.out.join("campaign");
+    let measured = session.run(experiment, &first)?.measured;
+    let model = base_model(experiment, &measured, means)?;
+    let mut desk = Desk {
+        experiment,
+        means,
+        session,
+        model,
+        loaded: join::campaign(&first, experiment)?,
+        spent: Budget { minutes: 0.0, charge_ah: 0.0 },
+    };
+    let mut outcome = desk.diagnose()?;
+    let mut steps = vec![step(&first, None, &outcome.diagnosis)];
+    let (end, end_text) = loop {
+        let (next, experiment) = match desk.next(&outcome, &steps) {
+            Ok(next) => next,
+            Err(end) => break end,
+        };
+        let folder = means.out.join(format!("{}_{}", steps.len(), next.name));
+        let minutes = desk.buy(&experiment, (&next, &outcome.next_runs), &folder)?;
+        outcome = desk.diagnose()?;
+        steps.push(step(&folder, Some(Bought { experiment: next, minutes }), &outcome.diagnosis));
+    };
+    write_dataset(&means.out.join("dataset"), &desk.loaded.set).map_err(|error| Failure::Analysis(error.to_string()))?;
+    let investigation = Investigation {
+        schema: SCHEMA,
+        name: experiment.name.clone(),
+        budget: means.budget,
+        spent: desk.spent,
+        steps,
+        end,
+        end_text,
+        diagnosis: outcome.diagnosis,
+    };
+    page::write(means.out, &investigation)?;
+    Ok(investigation)
+}
+
+struct Desk<'a> {
+    experiment: &'a Experiment,
+    means: &'a Means<'a>,
+    session: Session,
+    model: BaseModel,
+    loaded: Loaded,
+    spent: Budget,
+}
+
+impl Desk<'_> {
+    /// The diagnosis of everything measured so far.
+    fn diagnose(&self) -> Result<Outcome, Failure> {
+        let limits = &self.experiment.cell.limits;
+        let part = |limit_a: f64| LIMIT_PART * limit_a.min(BENCH_A);
+        let limits = BenchLimits { discharge_a: part(limits.discharge_a), charge_a: part(limits.charge_a), highest_hz: HIGHEST_HZ };
+        let options = DiagnosisOptions { limits: Some(limits), ..DiagnosisOptions::default() };
+        let unreadable = self.loaded.problems.iter().map(|problem| gate::Reason::unreadable(&problem.run, &problem.text)).collect();
+        let mut outcome = gate::diagnose_gated(&self.loaded.set, unreadable, &self.model, &options)
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
+        outcome.diagnosis.notes.extend(self.loaded.notes.iter().cloned());
+        Ok(outcome)
+    }
+
+    /// The experiment that is worth its price, or why the investigation ends.
+    fn next(&self, outcome: &Outcome, steps: &[Step]) -> Result<(NextExperiment, Experiment), (End, String)> {
+        let diagnosis = &outcome.diagnosis;
+        match diagnosis.verdict {
+            Verdict::Explained => return Err((End::Explained, "what was missing has a name".to_owned())),
+            Verdict::AtNoiseFloor => return Err((End::AtNoiseFloor, "nothing is missing that these repeats could show".to_owned())),
+            Verdict::Invalid => return Err((End::Invalid, "the data cannot be used".to_owned())),
+            Verdict::Ambiguous | Verdict::Unexplained => {}
+        }
+        let Some(next) = &diagnosis.next_experiment else {
+            return Err((End::NoExperiment, "no run of the menu would tell more".to_owned()));
+        };
+        if steps.len() > MOST_RUNS || steps.iter().any(|step| step.bought.as_ref().is_some_and(|b| b.experiment.name == next.name)) {
+            return Err((End::Repeated, format!("{} was played already, or {MOST_RUNS} runs were", next.name)));
+        }
+        let unplayable = |reason: String| (End::NotPlayable, format!("{} cannot be played: {reason}", next.name));
+        let experiment =
+            follow_up::experiment(self.experiment, &self.loaded.set, (&outcome.next_runs, &self.model.ocv)).map_err(unplayable)?;
+        let plan = procedure::plan(&experiment).check(&experiment.cell.limits).map_err(|error| unplayable(error.to_string()))?;
+        let minutes = plan.plan().expected_s() / 60.0;
+        let (left, ah) = (self.means.budget.minutes - self.spent.minutes, self.means.budget.charge_ah - self.spent.charge_ah);
+        if minutes > left || next.charge_ah > ah {
+            let text = format!("{} takes {minutes:.0} min and {:.2} Ah; left are {left:.0} min and {ah:.2} Ah", next.name, next.charge_ah);
+            return Err((End::Budget, text));
+        }
+        Ok((next.clone(), experiment))
+    }
+
+    /// Plays an experiment and joins what it measured; returns the minutes that it took.
+    fn buy(&mut self, experiment: &Experiment, (next, runs): (&NextExperiment, &[PlannedRun]), folder: &Path) -> Result<f64, Failure> {
+        let start_s = self.session.now_s();
+        self.session.run(experiment, folder)?;
+        let minutes = (self.session.now_s() - start_s) / 60.0;
+        self.spent.minutes += minutes;
+        self.spent.charge_ah += next.charge_ah;
+        join::add(&mut self.loaded, (&self.means.out.join("campaign"), folder), runs)?;
+        Ok(minutes)
+    }
+}
+
+fn step(folder: &Path, bought: Option<Bought>, diagnosis: &Diagnosis) -> Step {
+    Step {
+        folder: folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+        bought,
+        verdict: diagnosis.verdict,
+        effects: diagnosis.effects.iter().map(|effect| effect.name).collect(),
+        rivals: diagnosis.rivals.iter().map(|rival| rival.name).collect(),
+        summary: diagnosis.summary.clone(),
+    }
+}
+
+/// The ERM of the campaign's sweeps, of the order that they bear, with the curve that the user states.
+fn base_model(experiment: &Experiment, measured: &Measured, means: &Means<'_>) -> Result<BaseModel, Failure> {
+    let refused = |error: &dyn std::fmt::Display| Failure::Analysis(format!("no model: {error}"));
+    let sweeps: Vec<Spectrum> = std::iter::once(&measured.spectrum).chain(&measured.repeats).cloned().collect();
+    let (seed, bounds) = (experiment.seed, Bounds::for_spectra(&sweeps));
+    let rc = match experiment.fit.rc.as_slice() {
+        [rc] => *rc,
+        _ => {
+            let cells = [CellSweeps { cell: experiment.cell.name.clone(), named: true, sweeps: sweeps.clone() }];
+            let options = OrderOptions { most: MOST_RC, bounds, seed };
+            select_order(&cells, &options).map_err(|error| refused(&error))?.recommended
+        }
+    };
+    let options = FitOptions { rc, objective: experiment.fit.objective, seed, bounds };
+    let fit = fit_erm(&sweeps, &options).map_err(|error| refused(&error))?;
+    let erm = fit.erm.clone();
+    let mut file = ModelFile::new(&experiment.cell.name, fit, sweeps.iter().map(|sweep| sweep.name.clone()).collect(), None);
+    file.ocv = Some(means.ocv.clone());
+    let path: PathBuf = means.out.join("model.json");
+    let text = file.to_json().map_err(|error| refused(&error))?;
+    analysis::dataset::write_atomically(&path, text.as_bytes()).map_err(|error| refused(&error))?;
+    Ok(BaseModel { name: experiment.cell.name.clone(), erm, ocv: means.ocv.clone() })
+}
