@@ -10,6 +10,7 @@ use analysis::{
 use super::{Failure, files};
 use crate::{
     dataset::{Loaded, read_dataset},
+    next_experiment::{Setting, experiment_file},
     terminal::say,
 };
 
@@ -28,6 +29,12 @@ pub struct DiagnoseArgs {
     /// Write `diagnosis.json`, `diagnosis.md` with its pictures and, where effects were added, `model_augmented.json` into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// The bench's file: with --cell and --out, the recommended run is written as `next_experiment.toml` for it.
+    #[arg(long, value_name = "FILE", requires_all = ["cell", "out"])]
+    pub bench: Option<PathBuf>,
+    /// The cell's file, for the same.
+    #[arg(long, value_name = "FILE", requires = "bench")]
+    pub cell: Option<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
@@ -42,6 +49,9 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     let outcome = judged.diagnose()?;
     if let Some(folder) = &args.out {
         write(folder, &outcome, &judged)?;
+        if let (Some(bench), Some(cell)) = (&args.bench, &args.cell) {
+            write_next(folder, &outcome, &judged, (bench, cell))?;
+        }
     }
     if args.json {
         say!("{}", json(&outcome)?);
@@ -88,6 +98,19 @@ impl Judged {
         outcome.diagnosis.notes.extend(self.loaded.notes.iter().cloned());
         Ok(outcome)
     }
+}
+
+/// The recommended run as an experiment file, where there is one.
+fn write_next(folder: &Path, outcome: &Outcome, judged: &Judged, (bench, cell): (&Path, &Path)) -> Result<(), Failure> {
+    let (Some(next), false) = (&outcome.diagnosis.next_experiment, outcome.next_runs.is_empty()) else { return Ok(()) };
+    let whole = |path: &Path| {
+        let found = path.canonicalize().map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))?;
+        Ok::<String, Failure>(found.display().to_string())
+    };
+    let (bench, cell) = (whole(bench)?, whole(cell)?);
+    let erm = outcome.diagnosis.augmented.as_ref().unwrap_or(&judged.model.erm);
+    let setting = Setting { bench: &bench, cell: &cell, ocv: &judged.model.ocv, resistance_ohm: erm.dc_resistance_ohm() };
+    files::write_text(folder, "next_experiment.toml", &experiment_file(next, &outcome.next_runs, &setting))
 }
 
 /// Report, pictures, and the augmented model where there is one.
