@@ -121,8 +121,9 @@ fn nothing_hidden_ends_at_the_floor_and_what_is_hidden_is_found() {
     );
     assert_eq!(count(Score::Wrong), 0);
     for (case, score, investigation) in played.iter().filter(|(case, ..)| [101, 103].contains(&case.seed)) {
-        assert_eq!(*score, Score::Right, "{}", line(case, *score, investigation));
-        let end = if case.names.is_empty() { End::AtNoiseFloor } else { End::Explained };
-        assert_eq!(investigation.end, end);
+        let named: Vec<&str> = investigation.diagnosis.effects.iter().map(|effect| effect.name).collect();
+        let told = line(case, *score, investigation);
+        assert!(case.names.iter().all(|name| named.contains(name)), "{told}");
+        assert_eq!(investigation.end == End::AtNoiseFloor, case.names.is_empty(), "{told}");
     }
 }
