@@ -184,7 +184,7 @@ impl Reader<'_> {
         let path = self.folder.join(EVENTS);
         let text = std::fs::read_to_string(&path).map_err(|error| unreadable(&path, &error.to_string()))?;
         let ups = text.lines().filter(|line| line.contains(OUTPUT_ON)).filter_map(|line| line.split(',').next()?.parse::<f64>().ok());
-        let Some(up_s) = ups.filter(|up_s| *up_s < entry.start_time_s).last() else { return Ok(()) };
+        let Some(up_s) = ups.rev().find(|up_s| *up_s < entry.start_time_s) else { return Ok(()) };
         let since_s = first.first().map_or(0.0, |row| row.time_s) + entry.start_time_s - up_s;
         series.time_s.iter_mut().for_each(|time_s| *time_s += since_s);
         series.time_s.insert(0, 0.0);

@@ -248,7 +248,11 @@ fn a_run_folder_with_an_index_gives_its_sweeps_and_traces() {
         "traces": [{"file": "series_pulse_1.bdf.csv", "name": "pulse", "repeat": 1, "order": 1, "start_time_s": 160.0, "start_ocv_v": 3.7,
                     "charge_before_c": 0.0, "temperature_c": 25.5, "role": "held_out", "repeat_group": "pulse", "current_positive": "charge",
                     "current_between_samples": "hold", "steps_s": [1.0], "sample_sigma_a": 0.01, "sample_sigma_v": 0.0005}]}"#;
-    let folder = run_folder(&[("traces.json", index), ("series_pulse_1.bdf.csv", SERIES)]);
+    let rows = |(k, line): (usize, &str)| {
+        line.to_owned() + if k == 0 { ",Surface Temperature T1 / degC,Averaged Samples / 1\n" } else { ",25.5,4\n" }
+    };
+    let series_csv: String = SERIES.lines().enumerate().map(rows).collect();
+    let folder = run_folder(&[("traces.json", index), ("series_pulse_1.bdf.csv", &series_csv), ("events.csv", "time_s,event\n")]);
     let loaded = read_dataset(folder.path()).unwrap();
     let [sweep, pulse] = loaded.set.runs.as_slice() else { panic!("{loaded:?}") };
     assert_eq!((sweep.name.as_str(), sweep.start, sweep.start_s), ("spectrum", Start::Ocv(3.72), 0.0));

@@ -30,7 +30,7 @@ pub enum WriteError {
 /// Writes a data set into a folder, which is made if need be: time series as BDF CSV, spectra as CSV, current positive for charge.
 ///
 /// # Errors
-/// [`WriteError`].
+/// `WriteError`.
 pub fn write_dataset(folder: &Path, set: &DataSet) -> Result<(), WriteError> {
     std::fs::create_dir_all(folder).map_err(|source| WriteError::Folder { path: folder.to_owned(), source })?;
     let mut listed = format!("name = {}\n", json!(set.name)) + &set.history.as_ref().and_then(history).unwrap_or_default();
