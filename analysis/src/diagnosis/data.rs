@@ -50,15 +50,7 @@ pub enum Fixture {
     FakeCell(f64),
 }
 
-/// What a run is used for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Role {
-    /// Fitted.
-    Train,
-    /// Only predicted.
-    HeldOut,
-}
+pub use crate::dataset::Role;
 
 /// Where a run starts, at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -33,13 +33,14 @@ pub fn distinguish(set: &DataSet, model: &BaseModel, effects: &[&'static dyn Eff
     let mut desk = Desk::default();
     let fit = base_fit(problem, &model.erm, &mut desk);
     let tangent = fit.tangent();
+    let predicted = problem.prediction(&fit);
     let mut found: Vec<Directions> = Vec::new();
     for effect in effects {
         let members = variants(*effect, &problem.base);
         let one_sided = members.first().is_some_and(|m| m.parameters[0].range.lower >= 0.0);
         let mut all = Vec::new();
         for member in members {
-            let Some(mut d) = direction(problem, &fit, (&fit.structure.with(member), 1.0), &mut desk) else { continue };
+            let Some(mut d) = direction(problem, (&fit, &predicted), (&fit.structure.with(member), 1.0), &mut desk) else { continue };
             let whole = dot(&d, &d);
             tangent.project(&mut d);
             // What the base imitates to the last digit has no direction.

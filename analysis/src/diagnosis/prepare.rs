@@ -146,18 +146,7 @@ fn stated_noise_v(blocks: &[Block]) -> Option<f64> {
 }
 
 fn facts(set: &DataSet, ocv: &OcvCurve) -> Facts {
-    let mut f = Facts {
-        lowest_hz: None,
-        highest_hz: None,
-        longest_s: 0.0,
-        shortest_s: f64::INFINITY,
-        greatest_a: 0.0,
-        widest_soc: 0.0,
-        soc: 0.5,
-        temperature_c: 25.0,
-        orders: 0.0,
-        span_s: 0.0,
-    };
+    let mut f = Facts::NONE;
     let (mut socs, mut temperatures) = ((Vec::new(), Vec::new()), (Vec::new(), Vec::new()));
     let (mut orders, mut starts) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
     let widen = |span: &mut (f64, f64), v: f64| *span = (span.0.min(v), span.1.max(v));

@@ -2,7 +2,7 @@
 
 use super::block::{Block, Desk};
 use super::data::Role;
-use super::structure::{Axis, Structure, at_bound};
+use super::structure::{Axis, Member, Structure, at_bound};
 use super::whitening::{Whitener, dot};
 use crate::augmented::network;
 use crate::effects::Base;
@@ -172,6 +172,16 @@ impl Problem {
         let mut x = structure.encode(start);
         x.iter_mut().zip(&axes).for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
         self.fit_from(structure, x, axes, desk)
+    }
+
+    /// Fits a structure with one effect more, from where a fit without it stands.
+    pub(super) fn fit_added(&self, fit: &Fit, member: &Member, desk: &mut Desk) -> Fit {
+        let structure = fit.structure.with(member.clone());
+        let axes = structure.axes(&self.base.erm);
+        let mut x = fit.x.clone();
+        x.extend(member.encode());
+        x.iter_mut().zip(&axes).for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+        self.fit_from(&structure, x, axes, desk)
     }
 
     /// Fits a structure from a vector.

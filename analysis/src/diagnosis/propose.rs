@@ -24,13 +24,14 @@ pub(super) struct Proposal {
 /// All variants of an effect, best first; empty where the effect does not apply.
 pub(super) fn propose(problem: &Problem, fit: &Fit, tangent: &Tangent, effect: &'static dyn Effect, desk: &mut Desk) -> Vec<Proposal> {
     let mut proposals: Vec<Proposal> = Vec::new();
+    let predicted = problem.prediction(fit);
     // Bounds come from the base fit before any effect was added, so that they do not move with what is added.
     for mut member in variants(effect, &problem.base) {
         let structure = fit.structure.with(member.clone());
         let (range, typical) = (member.parameters[0].range, member.parameters[0].typical);
         let mut best = 0.0;
         for step in STEPS {
-            let Some(mut outside) = direction(problem, fit, (&structure, step), desk) else { continue };
+            let Some(mut outside) = direction(problem, (fit, &predicted), (&structure, step), desk) else { continue };
             tangent.project(&mut outside);
             let (along, size) = (dot(&fit.residuals, &outside), dot(&outside, &outside));
             let wanted = if size > 1e-20 { along / size * typical } else { 0.0 };
@@ -47,8 +48,14 @@ pub(super) fn propose(problem: &Problem, fit: &Fit, tangent: &Tangent, effect: &
     proposals
 }
 
-/// Change of the whitened prediction per typical strength of the last member, from its absence over a step in that unit.
-pub(super) fn direction(problem: &Problem, fit: &Fit, (structure, step): (&Structure, f64), desk: &mut Desk) -> Option<Vec<f64>> {
+/// Change of the whitened prediction per typical strength of the last member, from its absence over a step in that unit. `predicted` is
+/// [`Problem::prediction`] of the fit.
+pub(super) fn direction(
+    problem: &Problem,
+    (fit, predicted): (&Fit, &[f64]),
+    (structure, step): (&Structure, f64),
+    desk: &mut Desk,
+) -> Option<Vec<f64>> {
     let last = structure.members.len().checked_sub(1)?;
     let axes = structure.axes(&problem.base.erm);
     let mut x = fit.x.clone();
@@ -56,8 +63,7 @@ pub(super) fn direction(problem: &Problem, fit: &Fit, (structure, step): (&Struc
     let first = structure.first(last, problem.branches());
     x[first] = 0.0;
     let step = if axes[first].upper > 0.0 { step.min(0.5 * axes[first].upper) } else { (-step).max(0.5 * axes[first].lower) };
-    let predicted = problem.prediction(fit);
-    let mut change = problem.change(structure, (&x, &predicted), &[(first, step)], desk);
+    let mut change = problem.change(structure, (&x, predicted), &[(first, step)], desk);
     change.iter_mut().for_each(|c| *c /= step);
     change.iter().all(|c| c.is_finite()).then_some(change)
 }

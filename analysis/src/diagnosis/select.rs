@@ -83,12 +83,10 @@ pub(super) fn excess_z(chi2: f64, dof: f64) -> f64 {
 impl Search<'_> {
     /// Adds and prunes, from the base's fit.
     pub(super) fn run(&mut self, base: &Fit) -> Selection {
-        let mut selection =
-            Selection { fit: base.clone(), taken: Vec::new(), ranking: Vec::new(), refused: None, refused_fits: Vec::new() };
+        let mut selection = Selection::nothing(base);
         while selection.taken.len() < MOST_EFFECTS {
-            let (attempts, ranking) = self.attempts(&selection.fit, None);
+            let (attempts, mut ranking) = self.attempts(&selection.fit, None);
             let first = selection.taken.is_empty();
-            let mut ranking = ranking;
             selection.refused = None;
             selection.refused_fits.clear();
             let mut accepted = None;
@@ -195,12 +193,7 @@ impl Search<'_> {
     }
 
     fn try_member(&mut self, fit: &Fit, member: &Member) -> Attempt {
-        let structure = fit.structure.with(member.clone());
-        let axes = structure.axes(&self.problem.base.erm);
-        let mut x = fit.x.clone();
-        x.extend(member.encode());
-        x.iter_mut().zip(&axes).for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
-        let found = self.problem.fit_from(&structure, x, axes, &mut self.desk);
+        let found = self.problem.fit_added(fit, member, &mut self.desk);
         let lambda = fit.chi2 - found.chi2;
         Attempt { name: member.name(), score: lambda - self.penalty(member.free(), member.choices()), lambda, fit: found }
     }

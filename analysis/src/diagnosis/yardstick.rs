@@ -35,11 +35,7 @@ pub fn oracle(set: &DataSet, model: &BaseModel, names: &[&str]) -> Result<(f64, 
         let proposals = propose(problem, &fit, &fit.tangent(), effect, &mut desk);
         let mut best: Option<super::problem::Fit> = None;
         for proposal in proposals.iter().take(4) {
-            let structure = fit.structure.with(proposal.member.clone());
-            let axes = structure.axes(&problem.base.erm);
-            let mut x = fit.x.clone();
-            x.extend(proposal.member.encode());
-            let found = problem.fit_from(&structure, x, axes, &mut desk);
+            let found = problem.fit_added(&fit, &proposal.member, &mut desk);
             if best.as_ref().is_none_or(|b| found.chi2 < b.chi2) {
                 best = Some(found);
             }

@@ -43,6 +43,20 @@ pub struct Facts {
 }
 
 impl Facts {
+    /// Of no data at all.
+    pub const NONE: Self = Self {
+        lowest_hz: None,
+        highest_hz: None,
+        longest_s: 0.0,
+        shortest_s: f64::INFINITY,
+        greatest_a: 0.0,
+        widest_soc: 0.0,
+        soc: 0.5,
+        temperature_c: 25.0,
+        orders: 0.0,
+        span_s: 0.0,
+    };
+
     /// Longest time that anything in the data lasts, s: a record or a period.
     pub(super) fn slowest_s(&self) -> f64 {
         self.longest_s.max(self.lowest_hz.map_or(0.0, |f| 1.0 / f))

@@ -26,24 +26,10 @@ pub enum Prediction {
     None,
 }
 
-/// Facts bound effects; the base has none.
-const NO_FACTS: Facts = Facts {
-    lowest_hz: None,
-    highest_hz: None,
-    longest_s: 0.0,
-    shortest_s: f64::INFINITY,
-    greatest_a: 0.0,
-    widest_soc: 0.0,
-    soc: 0.5,
-    temperature_c: 25.0,
-    orders: 0.0,
-    span_s: 0.0,
-};
-
 impl Expected {
     /// The predictions of a model.
     pub fn new(set: &DataSet, model: &BaseModel) -> Self {
-        let base = Base { erm: model.erm.clone(), ocv: model.ocv.clone(), facts: NO_FACTS };
+        let base = Base { erm: model.erm.clone(), ocv: model.ocv.clone(), facts: Facts::NONE };
         let mut player = Player::default();
         let runs = set.runs.iter().map(|run| prediction(run, &base, &mut player)).collect();
         Self { resistance_ohm: (model.erm.r_ohm, model.erm.dc_resistance_ohm()), runs }
