@@ -3,7 +3,7 @@
 mod siglent_sdg;
 
 use crate::{
-    exchange::{Exchange, play, play_all},
+    exchange::{Answer, Exchange, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Hertz, Volts},
@@ -95,6 +95,15 @@ impl Instrument<dyn Dialect> {
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         let script = self.dialect.output(self.output_channel(), false);
         play_all(&mut self.link, &script).await
+    }
+
+    /// Asks whether the output is off, and changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
+        let script = self.dialect.output(self.output_channel(), false);
+        look(&mut self.link, &script).await
     }
 
     /// The first of the channels in use; 1 where none was named.
