@@ -5,6 +5,7 @@ mod accuracy;
 mod additions;
 mod architecture;
 mod configuration;
+mod crash;
 mod demo;
 mod diagnose;
 mod fit;
