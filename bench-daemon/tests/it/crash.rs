@@ -22,8 +22,12 @@ use crate::{
 const FACTOR: f64 = 30.0;
 /// Crashes without the variable.
 const SHARE: usize = 24;
+/// One of so many crashes is at the journal.
+const JOURNAL: usize = 4;
+/// One of so many runs dies a second time, after it has gone on.
+const TWICE: usize = 3;
 /// Crashes at a time; they mostly wait.
-const AT_ONCE: usize = 4;
+const AT_ONCE: usize = 6;
 /// How far a point may be from that of the run that was not disturbed, in standard deviations of the difference.
 const AGREES: f64 = 6.0;
 
@@ -39,23 +43,27 @@ fn files() -> Files {
         .append(SCENARIO, "[specimens]\ncount = 2\nsoc = 0.001")
 }
 
-/// The points at which a run can die.
-fn points(run: &Path) -> Vec<String> {
+/// The points at which a run can die: exchanges, writes.
+fn points(run: &Path) -> (usize, usize) {
     let lines = |path: PathBuf| fs::read_to_string(path).unwrap().lines().count();
-    let exchanges: usize = files_below(&run.join("transcripts")).into_iter().map(|name| lines(run.join("transcripts").join(name))).sum();
-    let writes = 2 * lines(run.join("journal.jsonl"));
-    let all = (1..=exchanges).map(|number| format!("exchange:{number}"));
-    all.chain((1..=writes).map(|number| format!("journal:{number}"))).collect()
+    let exchanges = files_below(&run.join("transcripts")).into_iter().map(|name| lines(run.join("transcripts").join(name))).sum();
+    (exchanges, 2 * lines(run.join("journal.jsonl")))
 }
 
 /// Every point, or a share that a seed spreads over them.
-fn chosen(points: &[String]) -> Vec<String> {
-    if std::env::var("EIS_BENCH_CRASHES").is_ok_and(|value| value == "all") {
-        return points.to_vec();
+fn chosen((exchanges, writes): (usize, usize)) -> Vec<String> {
+    let asked = std::env::var("EIS_BENCH_CRASHES").unwrap_or_default();
+    if asked == "all" {
+        let all = (1..=exchanges).map(|number| format!("exchange:{number}"));
+        return all.chain((1..=writes).map(|number| format!("journal:{number}"))).collect();
     }
-    let width = points.len() / SHARE;
-    let at = |share: usize| share * width + (share.wrapping_mul(7919) + 13) % width;
-    (0..SHARE).map(|share| points[at(share)].clone()).collect()
+    let share: usize = asked.parse().unwrap_or(SHARE);
+    let spread = |kind: &str, points: usize, share: usize| {
+        let width = points / share;
+        let at = |index: usize| 1 + index * width + (index.wrapping_mul(7919) + 13) % width;
+        (0..share).map(|index| format!("{kind}:{}", at(index))).collect::<Vec<_>>()
+    };
+    [spread("exchange", exchanges, share - share / JOURNAL), spread("journal", writes, share / JOURNAL)].concat()
 }
 
 /// Whole lines of the tables of a run.
@@ -69,8 +77,20 @@ fn rows(run: &Path) -> BTreeMap<PathBuf, String> {
     files_below(run).into_iter().filter(table).map(whole).collect()
 }
 
+/// The sweeps as read: what is uncertain of them is their noise alone.
 fn spectra(run: &Path) -> Vec<ImpedancePoint> {
-    ["A_1", "B_1"].into_iter().flat_map(|name| read_spectrum_csv(&run.join(format!("spectra/{name}.csv"))).unwrap()).collect()
+    ["cell", "cell_2"].into_iter().flat_map(|name| read_spectrum_csv(&run.join(format!("raw_{name}.csv"))).unwrap()).collect()
+}
+
+/// Runs or goes on until it dies at a point; whether it did.
+fn dies(mut command: std::process::Command, drill: &str) -> bool {
+    let ended = command.env("EIS_BENCH_DRILL", drill).output().unwrap();
+    if std::os::unix::process::ExitStatusExt::signal(&ended.status) == Some(9) {
+        return true;
+    }
+    // It exchanged less than the undisturbed run: there was nothing to die at.
+    assert_eq!(ended.status.code(), Some(0), "{drill}: {}", String::from_utf8_lossy(&ended.stderr));
+    false
 }
 
 /// The greatest distance from what an undisturbed run found, in standard deviations.
@@ -88,39 +108,41 @@ fn distance(run: &Path, reference: &[ImpedancePoint]) -> f64 {
     found.iter().zip(reference).map(one).fold(0.0, f64::max)
 }
 
-/// One crash and what became of it, as a row of the table.
-fn crash(drill: &str, reference: &[ImpedancePoint]) -> String {
+/// One crash, or two of one run, and what became of it, as a row of the table.
+fn crash((index, drill): (usize, &str), reference: &[ImpedancePoint]) -> String {
     let files = files();
     let ports = Ports::serve(&files, FACTOR, 1);
     let run = files.path("run");
-    let (experiment, out) = (files.experiment(), run.clone());
-    let mut child = command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), out.as_os_str()]);
-    let ended = child.env("EIS_BENCH_DRILL", drill).output().unwrap();
-    let signal = std::os::unix::process::ExitStatusExt::signal(&ended.status);
-    if signal != Some(9) {
-        // This run exchanged less than the undisturbed one: there was nothing to die at.
-        assert_eq!(ended.status.code(), Some(0), "{drill}: {}", String::from_utf8_lossy(&ended.stderr));
-        return format!("{drill:<16} not reached");
+    let experiment = files.experiment();
+    if !dies(command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]), drill) {
+        return format!("{drill:<14} not reached");
     }
     let current_a = ports.world.lock().unwrap().truth_current_a();
     let before = rows(&run);
-    let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default();
-    let text = if !journal.contains("\"started\"") {
-        let message = resume(&run, &[]);
-        message.expect_code(2);
-        assert!(message.message().contains("nothing was done yet"), "{drill}: {}", message.message());
+    let told = |text: &str| fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default().contains(text);
+    if !told("\"started\"") {
+        let refused = resume(&run, &[]);
+        refused.expect_code(2);
+        assert!(refused.message().contains("nothing was done yet"), "{drill}: {}", refused.message());
         files.run("again").expect_code(0);
-        return format!("{drill:<16} nothing was done yet; run from the beginning, {:.1} σ", distance(&files.path("again"), reference));
-    } else if journal.contains("{\"ended\":{\"how\":\"finished\"}}") {
-        "was finished".to_owned()
-    } else {
-        resume(&run, &[]).expect_code(0);
+        return format!("{drill:<14} nothing was done yet, run from the beginning, {:.1} σ", distance(&files.path("again"), reference));
+    }
+    let mut became = "was finished";
+    if !told("{\"ended\":{\"how\":\"finished\"}}") {
+        became = "went on";
+        let again = command(&["resume".as_ref(), run.as_os_str()]);
+        let twice = index % TWICE == 0 && dies(again, &format!("exchange:{}", 60 + 17 * index % 400));
+        if twice {
+            became = "died again, went on";
+        }
+        if !told("{\"ended\":{\"how\":\"finished\"}}") {
+            resume(&run, &[]).expect_code(0);
+        }
         let after = rows(&run);
         for (name, rows) in &before {
             assert!(after[name].starts_with(rows.as_str()), "{drill}: rows of {} were lost or changed", name.display());
         }
-        "went on".to_owned()
-    };
+    }
     let points = before.iter().filter(|(name, _)| name.starts_with("spectra")).map(|(_, text)| text.lines().count() - 1).sum::<usize>();
     let sigmas = distance(&run, reference);
     assert!(sigmas < AGREES, "{drill}: {sigmas} standard deviations");
@@ -128,7 +150,7 @@ fn crash(drill: &str, reference: &[ImpedancePoint]) -> String {
     let witness = ports.world.lock().unwrap().witness();
     assert_eq!(witness.abuse, [], "{drill}: the cell left its envelope");
     let (least_v, greatest_v) = (witness.least_v, witness.greatest_v);
-    format!("{drill:<16} {current_a:>8.3} A flowed, {points} points kept, {text}, {sigmas:.1} σ, cell {least_v:.3} V to {greatest_v:.3} V")
+    format!("{drill:<14} {current_a:>7.3} A | {points} points kept | {became:<20} | {sigmas:.1} σ | cell {least_v:.3} V to {greatest_v:.3} V")
 }
 
 #[test]
@@ -140,13 +162,13 @@ fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     drop(ports);
     let reference = spectra(&files.path("whole"));
     let all = points(&files.path("whole"));
-    let kills = chosen(&all);
+    let kills = chosen(all);
     let (next, table) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
     std::thread::scope(|scope| {
         for _ in 0..AT_ONCE {
             scope.spawn(|| {
                 while let Some((index, drill)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|at| Some((at, kills.get(at)?))) {
-                    let row = crash(drill, &reference);
+                    let row = crash((index, drill), &reference);
                     table.lock().unwrap().insert(index, row);
                 }
             });
@@ -157,7 +179,8 @@ fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     let text: String = table.into_values().map(|row| row + "\n").collect();
     // Shown with --nocapture, and beside the test's binary for whoever wants the table of all.
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("kills.txt");
-    fs::write(&path, format!("{} of {} points\n{text}", kills.len(), all.len())).unwrap();
+    let text = format!("{} of {} exchanges and {} ends of writes to the journal\n{text}", kills.len(), all.0, all.1);
+    fs::write(&path, &text).unwrap();
     std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes()).unwrap();
-    assert!(all.len() >= 2000, "expected at least 2000 points to die at, found {}", all.len());
+    assert!(all.0 + all.1 >= 2000, "expected at least 2000 points to die at, found {all:?}");
 }

@@ -4,6 +4,7 @@
 mod accuracy;
 mod additions;
 mod architecture;
+mod campaign;
 mod configuration;
 mod crash;
 mod demo;
