@@ -112,7 +112,11 @@ fn a_campaign_that_cannot_be_is_refused() {
         ("name = \"B\"", "name = \"a\"", "campaign.cells.2.name: expected names that differ, found \"a\" twice"),
         ("name = \"B\"", "name = \"B/\"", "campaign.cells.2.name: expected a name of letters, digits and `-`, found \"B/\""),
         ("repeats = 2", "repeats = 0", "campaign.repeats: expected 1 repeats to 1000 repeats, found 0 repeats"),
-        ("amplitude = \"1 A\"", "amplitude = \"1 A\"\nrepeat = 2", "campaign: expected a section [eis] that sweeps the cell with a repeat of 1"),
+        (
+            "amplitude = \"1 A\"",
+            "amplitude = \"1 A\"\nrepeat = 2",
+            "campaign: expected a section [eis] that sweeps the cell with a repeat of 1",
+        ),
     ] {
         let message = refuse(&files().edit(EXPERIMENT, from, to));
         assert!(message.contains(expected), "{message}");

@@ -150,7 +150,9 @@ fn crash((index, drill): (usize, &str), reference: &[ImpedancePoint]) -> String 
     let witness = ports.world.lock().unwrap().witness();
     assert_eq!(witness.abuse, [], "{drill}: the cell left its envelope");
     let (least_v, greatest_v) = (witness.least_v, witness.greatest_v);
-    format!("{drill:<14} {current_a:>7.3} A | {points} points kept | {became:<20} | {sigmas:.1} σ | cell {least_v:.3} V to {greatest_v:.3} V")
+    format!(
+        "{drill:<14} {current_a:>7.3} A | {points} points kept | {became:<20} | {sigmas:.1} σ | cell {least_v:.3} V to {greatest_v:.3} V"
+    )
 }
 
 #[test]

@@ -41,7 +41,8 @@ pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: 
     let budget = Budget::new(&measured.correction, cell.iter().map(|point| &point.phasors));
     recorder.text("budget.csv", &budget.to_csv())?;
     recorder.json("budget.json", &budget)?;
-    let told = experiment.campaign.as_ref().map(|campaign| campaign::write(recorder, experiment, campaign, (measured, &fits))).transpose()?;
+    let told =
+        experiment.campaign.as_ref().map(|campaign| campaign::write(recorder, experiment, campaign, (measured, &fits))).transpose()?;
     let text = told.as_ref().map(|told| told.text.clone());
     report::write(recorder, experiment, measured, (&fits, &budget, told))?;
     Ok(summary(recorder, experiment, measured, (&fits, Some(&budget), text.as_deref())))

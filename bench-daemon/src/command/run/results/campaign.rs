@@ -226,7 +226,8 @@ fn picture(experiment: &Experiment, campaign: &Campaign, cells: &[(usize, &Spect
     let mut seen = Vec::new();
     let mut series: Vec<Series> = Vec::new();
     for (cell, spectrum) in cells {
-        let name = campaign.cells.iter().find(|known| known.number == *cell).map_or_else(String::new, |known| format!("cell {}", known.name));
+        let name =
+            campaign.cells.iter().find(|known| known.number == *cell).map_or_else(String::new, |known| format!("cell {}", known.name));
         let label = (!seen.contains(cell)).then_some(name.as_str());
         series.push(Series::data(spectrum, cell.saturating_sub(1)).styled(SeriesStyle::Cloud).labelled(label));
         seen.push(*cell);
@@ -303,7 +304,8 @@ mod tests {
         let found = spread(&cells);
         let [s] = found.as_slice() else { panic!("{found:?}") };
         assert_eq!(s.spectra, 4);
-        let near = |met: Option<f64>, expected: f64| assert!((met.unwrap() / expected - 1.0).abs() < 1.0e-9, "{met:?}, expected {expected}");
+        let near =
+            |met: Option<f64>, expected: f64| assert!((met.unwrap() / expected - 1.0).abs() < 1.0e-9, "{met:?}, expected {expected}");
         near(Some(s.mean_re_ohm), 0.015);
         // Means of 10 mΩ and 20 mΩ; deviations of 1 mΩ, four of them with two degrees of freedom.
         near(s.cells_re_ohm, 0.01 / 2.0_f64.sqrt());
