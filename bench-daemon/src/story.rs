@@ -37,7 +37,7 @@ pub struct Story {
     /// What was odd.
     pub notes: Vec<String>,
     /// The stage that was begun last.
-    latest: Option<usize>,
+    pub latest: Option<usize>,
     /// How the process ended by itself, if it did.
     pub ended: Option<String>,
 }

@@ -100,14 +100,14 @@ impl<'a, 'b> Drive<'a, 'b> {
         let finished = |number: &usize| self.past.is_some_and(|past| past.story.finished(*number));
         let mut left: Vec<usize> = (0..self.plan.stages.len()).filter(|number| !finished(number)).collect();
         let mut run = None;
-        if let Some(Past { next, .. }) = self.past {
+        if let Some(Past { next, story, .. }) = self.past {
+            run = story.latest.and_then(|latest| self.run_of(latest));
             if let Some(again) = next.again {
                 self.stage(again, Entrance::default()).await?;
             }
             if let Some((open, from)) = next.open {
                 left.retain(|number| *number != open);
                 self.stage(open, Entrance { from, points: self.known(open) }).await?;
-                run = self.run_of(open);
             }
         }
         while !left.is_empty() {
