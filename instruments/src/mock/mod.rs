@@ -6,6 +6,10 @@
 
 pub mod plant;
 
+mod dl3000;
+mod dp832;
+mod e36312a;
+mod huber;
 mod jig;
 mod julabo;
 mod kepco;
@@ -117,6 +121,30 @@ pub const MODELS: &[Model] = &[
         role: "supply",
         description: "Siglent SPD3303X: 32 V 3.2 A on channel 1",
         make: |plant, options| Box::new(spd::Spd::new(plant, options)),
+    },
+    Model {
+        key: "keysight-e36312a",
+        role: "supply",
+        description: "Keysight E36312A: 6 V 5 A on channel 1",
+        make: |plant, options| Box::new(e36312a::Keysight::new(plant, options)),
+    },
+    Model {
+        key: "rigol-dp832",
+        role: "supply",
+        description: "Rigol DP832: 30 V 3 A on channel 1",
+        make: |plant, options| Box::new(dp832::Dp832::new(plant, options)),
+    },
+    Model {
+        key: "rigol-dl3000",
+        role: "load",
+        description: "Rigol DL3021: constant current to 40 A",
+        make: |plant, options| Box::new(dl3000::Dl3000::new(plant, options)),
+    },
+    Model {
+        key: "huber-pb",
+        role: "chiller",
+        description: "Huber Pilot ONE circulator, PB commands",
+        make: |plant, options| Box::new(huber::Huber::new(plant, options)),
     },
     Model {
         key: "julabo",

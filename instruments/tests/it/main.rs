@@ -7,6 +7,7 @@ mod drivers_common;
 mod drivers_generator;
 mod drivers_power;
 mod drivers_scope;
+mod drivers_second;
 mod drivers_supply4q;
 mod drivers_thermal;
 mod link;

@@ -1,0 +1,167 @@
+//! The second dialect of each role, whose manners differ from the first's: channel lists, `ON` and `OFF` as answers, two line ends, hexadecimal
+//! registers.
+
+use instruments::{
+    chiller,
+    instrument::Instrument,
+    load::{self, Discharge, Load},
+    mock::{
+        MockOptions,
+        plant::{Action, ChillerState, LoadState, SupplyState},
+    },
+    scpi::decode::Terminator,
+    supply::{self, Charge, Supply},
+    units::{Amps, Celsius, Volts},
+};
+
+use crate::drivers_common::{Rig, dialect, in_virtual_time};
+
+const CHARGE: Charge = Charge { voltage: Volts(4.2), current: Amps(1.25) };
+
+async fn supply(rig: &Rig, model: &str) -> Supply {
+    let dialect = dialect!(supply, model);
+    Instrument::new(rig.link(dialect.profile()).await, dialect)
+}
+
+async fn load(rig: &Rig) -> Load {
+    let dialect = dialect!(load, "rigol-dl3000");
+    Instrument::new(rig.link(dialect.profile()).await, dialect)
+}
+
+fn supplies(rig: &Rig) -> Vec<SupplyState> {
+    let state = |action| if let Action::Supply(state) = action { state } else { panic!("a supply does not do {action:?}") };
+    rig.actions().into_iter().map(state).collect()
+}
+
+fn loads(rig: &Rig) -> Vec<LoadState> {
+    let state = |action| if let Action::Load(state) = action { state } else { panic!("a load does not do {action:?}") };
+    rig.actions().into_iter().map(state).collect()
+}
+
+#[test]
+fn a_supply_that_was_left_on_is_off_before_it_is_changed_and_charges_with_what_was_asked() {
+    for (model, left) in [
+        ("keysight-e36312a", &["VOLT 6,(@1)", "CURR 5,(@1)", "VOLT:SENS:SOUR EXT,(@1)", "CURR:PROT:STAT ON,(@1)", "OUTP ON,(@1)"][..]),
+        ("rigol-dp832", &[":APPL CH1,30,3", ":OUTP:OVP:VAL CH1,31", ":OUTP:OCP CH1,ON", ":OUTP CH1,ON"]),
+    ] {
+        in_virtual_time(async |clock| {
+            let rig = Rig::new(clock, model);
+            rig.earlier_user(Terminator::Lf, &[left, &["NONSENSE"]].concat()).await;
+            let start = supplies(&rig).len();
+            let mut supply = supply(&rig, model).await;
+            supply.prepare(&CHARGE).await.unwrap();
+            let states = supplies(&rig)[start..].to_vec();
+            assert!(states.iter().all(|state| !state.output_on), "{model}: {states:?}");
+            supply.energise().await.unwrap();
+            assert_eq!(*supplies(&rig).last().unwrap(), SupplyState { output_on: true, voltage_v: 4.2, current_a: 1.25 }, "{model}");
+            // At its current limit, as a charge is: no protection takes that for a fault.
+            assert_eq!(supply.measure().await.unwrap(), (Volts(4.0), Amps(1.25)), "{model}");
+            assert!(supplies(&rig).last().unwrap().output_on, "{model}");
+            supply.safe().await.unwrap();
+            supply.safe().await.unwrap();
+            assert!(!supplies(&rig).last().unwrap().output_on, "{model}");
+        });
+    }
+}
+
+#[test]
+fn the_protection_above_the_charge_is_armed_and_switches_off_by_itself() {
+    for (model, armed, lower) in [
+        ("keysight-e36312a", ("VOLT:PROT? (@1)", "+4.40000000E+00"), "VOLT:PROT 3.9,(@1)"),
+        ("rigol-dp832", (":OUTP:OVP:VAL? CH1", "4.400"), ":OUTP:OVP:VAL CH1,3.9"),
+    ] {
+        in_virtual_time(async |clock| {
+            let rig = Rig::new(clock, model);
+            let mut supply = supply(&rig, model).await;
+            supply.prepare(&CHARGE).await.unwrap();
+            supply.energise().await.unwrap();
+            drop(supply);
+            assert_eq!(rig.ask(armed.0).await, armed.1, "{model}");
+            // The terminals show 4.0 V.
+            rig.earlier_user(Terminator::Lf, &[lower]).await;
+            rig.ask("*IDN?").await;
+            assert!(!supplies(&rig).last().unwrap().output_on, "{model}");
+            // And a latched protection is a refusal, not a charge that never comes.
+            let mut supply = self::supply(&rig, model).await;
+            supply.prepare(&CHARGE).await.unwrap();
+            let refused = supply.energise().await.unwrap_err().to_string();
+            assert!(refused.contains("expected one of") && refused.contains("ON"), "{model}: {refused}");
+        });
+    }
+}
+
+#[test]
+fn what_a_supply_does_not_take_over_is_named() {
+    in_virtual_time(async |clock| {
+        for (model, charge, text) in [
+            ("keysight-e36312a", Charge { voltage: Volts(7.0), ..CHARGE }, "dev: `VOLT 7.000,(@1)` was refused: -222, Data out of range"),
+            ("rigol-dp832", Charge { current: Amps(5.0), ..CHARGE }, "dev: `:SOUR1:CURR 5.000` was refused: -222, Data out of range"),
+            (
+                "rigol-dp832",
+                Charge { voltage: Volts(f64::NAN), ..CHARGE },
+                "dev: `:SOUR1:VOLT`: `:SOUR1:VOLT`: expected a finite number to send, found NaN",
+            ),
+        ] {
+            let rig = Rig::new(clock.clone(), model);
+            let met = supply(&rig, model).await.prepare(&charge).await.unwrap_err().to_string();
+            assert!(met.starts_with(text), "{model}: {met}");
+        }
+        for (model, query, answer, text) in [
+            ("keysight-e36312a", "OUTP? (@1)", &b"1\n"[..], "after `OUTP OFF,(@1)`, `OUTP? (@1)` answered `1`: expected one of 0, OFF"),
+            ("keysight-e36312a", "VOLT:SENS:SOUR? (@1)", b"EXT\n", "answered `EXT`: expected one of INT, INTernal"),
+            ("rigol-dp832", ":OUTP? CH1", b"ON\n", "after `:OUTP CH1,OFF`, `:OUTP? CH1` answered `ON`: expected one of OFF, 0"),
+            ("rigol-dp832", ":OUTP:OVP? CH1", b"OFF\n", "after `:OUTP:OVP CH1,ON`, `:OUTP:OVP? CH1` answered `OFF`: expected one of ON, 1"),
+        ] {
+            let rig = Rig::with(clock.clone(), model, &MockOptions::default(), &[(query, answer)]);
+            let met = supply(&rig, model).await.prepare(&CHARGE).await.unwrap_err().to_string();
+            assert!(met.contains(text), "{model}: {met}");
+        }
+    });
+}
+
+#[test]
+fn a_load_with_two_line_ends_is_read_and_one_left_on_in_another_mode_is_off_before_it_is_changed() {
+    in_virtual_time(async |clock| {
+        let rig = Rig::new(clock, "rigol-dl3000");
+        rig.earlier_user(Terminator::Lf, &[":SOUR:CURR:LEV:IMM 9", ":SOUR:CURR:RANG 4", ":SOUR:FUNC:MODE BATT", ":SOUR:INP:STAT ON"]).await;
+        let start = loads(&rig).len();
+        let mut load = load(&rig).await;
+        load.prepare(&Discharge { current: Amps(6.0), stop_below: Volts(2.75) }).await.unwrap();
+        assert!(loads(&rig)[start..].iter().all(|state| !state.input_on), "{:?}", &loads(&rig)[start..]);
+        load.energise().await.unwrap();
+        assert_eq!(*loads(&rig).last().unwrap(), LoadState { input_on: true, current_a: 6.0, min_voltage_v: 2.75 });
+        for _ in 0..3 {
+            assert_eq!(load.measure().await.unwrap(), (Volts(3.7), Amps(1.5)));
+        }
+        load.safe().await.unwrap();
+        assert!(!loads(&rig).last().unwrap().input_on);
+        let refused = load.prepare(&Discharge { current: Amps(50.0), stop_below: Volts(2.75) }).await.unwrap_err().to_string();
+        assert_eq!(refused, "dev: `:SOUR:CURR:LEV:IMM 50.0000` was refused: -222, Data out of range");
+    });
+}
+
+#[test]
+fn a_circulator_that_confirms_every_write_is_believed_only_by_its_confirmation() {
+    in_virtual_time(async |clock| {
+        let dialect = dialect!(chiller, "huber-pb");
+        let rig = Rig::new(clock.clone(), "huber-pb");
+        let mut chiller = Instrument::new(rig.link(dialect.profile()).await, dialect);
+        for celsius in [25.0, -19.99, 40.0] {
+            chiller.start(Celsius(celsius)).await.unwrap();
+            assert_eq!(rig.last_action(), Action::Chiller(ChillerState { running: true, setpoint_c: celsius }));
+        }
+        let status = chiller.status().await.unwrap();
+        assert!(status.running && status.remote && status.alarm.is_none(), "{status:?}");
+        assert_eq!(chiller.temperature().await.unwrap(), Celsius(24.5));
+        // Beyond its range it takes the nearest it can, and says so.
+        let limited = chiller.start(Celsius(160.0)).await.unwrap_err().to_string();
+        assert_eq!(limited, "dev: `{M003E80` answered `{S003A98`: expected `{S003E80` in the answer");
+        chiller.stop().await.unwrap();
+        assert!(!chiller.status().await.unwrap().running);
+        drop(chiller);
+        let rig = Rig::with(clock, "huber-pb", &MockOptions::default(), &[("{M01****", b"{S017FFF\r\n")]);
+        let mut chiller = Instrument::new(rig.link(dialect.profile()).await, dialect);
+        let none = chiller.temperature().await.unwrap_err().to_string();
+        assert_eq!(none, "dev: `{M01****` answered `{S017FFF`: expected a temperature");
+    });
+}
