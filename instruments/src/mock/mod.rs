@@ -9,6 +9,7 @@ pub mod plant;
 mod dl3000;
 mod dp832;
 mod e36312a;
+mod generator_33500b;
 mod huber;
 mod jig;
 mod julabo;
@@ -121,6 +122,12 @@ pub const MODELS: &[Model] = &[
         role: "supply",
         description: "Siglent SPD3303X: 32 V 3.2 A on channel 1",
         make: |plant, options| Box::new(spd::Spd::new(plant, options)),
+    },
+    Model {
+        key: "keysight-33500b",
+        role: "generator",
+        description: "Keysight 33522B: sine and offset on channel 1",
+        make: |plant, options| Box::new(generator_33500b::Keysight::new(plant, options)),
     },
     Model {
         key: "keysight-e36312a",

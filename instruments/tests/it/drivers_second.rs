@@ -3,15 +3,16 @@
 
 use instruments::{
     chiller,
+    generator::{self, Sine},
     instrument::Instrument,
     load::{self, Discharge, Load},
     mock::{
         MockOptions,
-        plant::{Action, ChillerState, LoadState, SupplyState},
+        plant::{Action, ChillerState, GeneratorState, LoadState, SupplyState},
     },
     scpi::decode::Terminator,
     supply::{self, Charge, Supply},
-    units::{Amps, Celsius, Volts},
+    units::{Amps, Celsius, Hertz, Volts},
 };
 
 use crate::drivers_common::{Rig, dialect, in_virtual_time};
@@ -163,5 +164,41 @@ fn a_circulator_that_confirms_every_write_is_believed_only_by_its_confirmation()
         let mut chiller = Instrument::new(rig.link(dialect.profile()).await, dialect);
         let none = chiller.temperature().await.unwrap_err().to_string();
         assert_eq!(none, "dev: `{M01****` answered `{S017FFF`: expected a temperature");
+    });
+}
+
+fn waves(rig: &Rig) -> Vec<GeneratorState> {
+    let state = |action| if let Action::Generator(state) = action { state } else { panic!("a generator does not do {action:?}") };
+    rig.actions().into_iter().map(state).collect()
+}
+
+#[test]
+fn a_generator_set_for_fifty_ohms_and_inverted_gives_true_volts_and_is_off_before_it_is_changed() {
+    in_virtual_time(async |clock| {
+        let rig = Rig::new(clock, "keysight-33500b");
+        let left = ["OUTP1:LOAD 50", "OUTP1:POL INV", "SOUR1:APPL:SIN 100,2,1", "NONSENSE"];
+        rig.earlier_user(Terminator::Lf, &left).await;
+        // What was asked for at 50 Ω is twice that at an open input.
+        assert!((waves(&rig).last().unwrap().amplitude_v - 2.0).abs() < 1e-9, "{:?}", waves(&rig).last());
+        let dialect = dialect!(generator, "keysight-33500b");
+        let mut generator = Instrument::new(rig.link(dialect.profile()).await, dialect);
+        generator.output(false).await.unwrap();
+        let start = waves(&rig).len();
+        generator.quiet(Volts(-0.05)).await.unwrap();
+        assert!(waves(&rig)[start..].iter().all(|state| *state == GeneratorState::default()));
+        generator.output(true).await.unwrap();
+        let quiet = *waves(&rig).last().unwrap();
+        assert_eq!((quiet.amplitude_v, quiet.offset_v), (1e-3, -0.05));
+        generator.sine(&Sine { freq: Hertz(0.1), amplitude: Volts(0.4), offset: Volts(-0.05) }).await.unwrap();
+        let driven = *waves(&rig).last().unwrap();
+        assert_eq!((driven.freq_hz, driven.amplitude_v, driven.offset_v, driven.phase_rad), (0.1, 0.4, -0.05, 0.0));
+        let refused = generator.sine(&Sine { freq: Hertz(0.1), amplitude: Volts(11.0), offset: Volts(0.0) }).await.unwrap_err().to_string();
+        assert_eq!(refused, "dev: `SOUR1:VOLT 22.0000` was refused: -221, Settings conflict");
+        let none =
+            generator.sine(&Sine { freq: Hertz(f64::NAN), amplitude: Volts(1.0), offset: Volts(0.0) }).await.unwrap_err().to_string();
+        assert!(none.ends_with("expected a finite number to send, found NaN; nothing was sent"), "{none}");
+        generator.safe().await.unwrap();
+        generator.safe().await.unwrap();
+        assert_eq!(*waves(&rig).last().unwrap(), GeneratorState::default());
     });
 }
