@@ -14,7 +14,7 @@ fn a_bench_of_other_makers_measures_the_same_cell() {
         (finished.measured.spectrum.points, std::fs::read_to_string(run.join("manifest.json")).unwrap())
     });
     let [(ours, _), (others, manifest)] = &measured;
-    for maker in ["33522B", "DL3021", "E36312A", "{S0009C4"] {
+    for maker in ["33522B", "DHO824", "DL3021", "E36312A", "{S0009C4"] {
         assert!(manifest.contains(maker), "{maker} is not in the manifest: {manifest}");
     }
     assert_eq!((ours.len(), others.len()), (20, 20));

@@ -6,6 +6,8 @@
 
 pub mod plant;
 
+mod acquisition;
+mod dho;
 mod dl3000;
 mod dp832;
 mod e36312a;
@@ -110,6 +112,12 @@ pub const MODELS: &[Model] = &[
         role: "scope",
         description: "Siglent SDS824X HD: four channels, 12 bits",
         make: |plant, options| Box::new(scope::Scope::new(plant, options)),
+    },
+    Model {
+        key: "rigol-dho800",
+        role: "scope",
+        description: "Rigol DHO824: four channels, 12 bits",
+        make: |plant, options| Box::new(dho::Dho::new(plant, options)),
     },
     Model {
         key: "siglent-sdl1000x",

@@ -10,12 +10,16 @@ use instruments::{
         MockOptions,
         plant::{Action, ChillerState, GeneratorState, LoadState, SupplyState},
     },
+    scope::{self, Intent, Scope, Trigger, Vertical},
     scpi::decode::Terminator,
     supply::{self, Charge, Supply},
-    units::{Amps, Celsius, Hertz, Volts},
+    units::{Amps, Celsius, Hertz, Seconds, Volts},
 };
 
-use crate::drivers_common::{Rig, dialect, in_virtual_time};
+use crate::{
+    drivers_common::{Rig, dialect, in_virtual_time},
+    mocks_plant::{base_v, volts},
+};
 
 const CHARGE: Charge = Charge { voltage: Volts(4.2), current: Amps(1.25) };
 
@@ -200,5 +204,81 @@ fn a_generator_set_for_fifty_ohms_and_inverted_gives_true_volts_and_is_off_befor
         generator.safe().await.unwrap();
         generator.safe().await.unwrap();
         assert_eq!(*waves(&rig).last().unwrap(), GeneratorState::default());
+    });
+}
+
+const PER_DIV_V: f64 = 0.08;
+const TIME_PER_DIV_S: f64 = 0.05;
+
+async fn capture(rig: &Rig) -> Scope {
+    let dialect = dialect!(scope, "rigol-dho800");
+    let mut scope = Instrument::new(rig.link(dialect.profile()).await, dialect);
+    scope.set(&Intent::Session { memory_points: 100_000 }).await.unwrap();
+    for channel in 1..=4 {
+        let vertical = Vertical { channel, per_div: Volts(PER_DIV_V), offset: Volts(-base_v(channel) - 0.012_3) };
+        scope.set(&Intent::Vertical(vertical)).await.unwrap();
+    }
+    let trigger = Intent::Trigger(Trigger { channel: 4, level: Volts(base_v(4)) });
+    for intent in [Intent::Timebase(Seconds(TIME_PER_DIV_S)), trigger, Intent::Arm] {
+        scope.set(&intent).await.unwrap();
+    }
+    rig.clock.sleep_s(2.03).await;
+    scope.stop().await.unwrap();
+    scope
+}
+
+#[test]
+fn the_volts_come_back_from_codes_that_are_not_left_justified_at_any_page_size() {
+    let earlier = [
+        ":CHAN1:PROB 10",
+        ":CHAN2:INV ON",
+        ":CHAN3:COUP AC",
+        ":TRIG:EDGE:SLOP NEG",
+        ":TRIG:SWE SING",
+        ":TIM:MAIN:OFFS 0.3",
+        ":WAV:STAR 500",
+        ":WAV:STOP 600",
+    ];
+    for (page_points, wanted) in [(1_000_000, 100_000), (1_000_000, 2_000), (777, 1_000)] {
+        in_virtual_time(async |clock| {
+            let rig = Rig::with(clock, "rigol-dho800", &MockOptions { page_points, ..MockOptions::default() }, &[]);
+            rig.earlier_user(Terminator::Lf, &earlier).await;
+            let mut scope = capture(&rig).await;
+            for channel in [4, 1, 3, 2] {
+                let waveform = scope.download(channel, wanted).await.unwrap();
+                assert_eq!(waveform.codes.len() as u64, wanted);
+                assert!(waveform.preamble.delay_s.abs() < 1e-9, "the trigger is at the centre: {} s", waveform.preamble.delay_s);
+                for (index, &code) in waveform.codes.iter().enumerate() {
+                    let met_v = f64::from(code) * waveform.preamble.volts_per_code - waveform.preamble.offset_v;
+                    let at_s = index as f64 * waveform.interval_s - 5.0 * TIME_PER_DIV_S;
+                    let off_v = (met_v - volts(channel, at_s)).abs();
+                    // Half a step of the converter and half a code.
+                    assert!(
+                        off_v < PER_DIV_V * (0.52 / 433.0 + 0.5 / 7500.0),
+                        "channel {channel}, sample {index}: {met_v} V, off by {off_v}"
+                    );
+                }
+            }
+        });
+    }
+}
+
+#[test]
+fn a_scope_without_a_frame_says_so_and_an_offset_that_its_scale_does_not_allow_is_named() {
+    in_virtual_time(async |clock| {
+        let dialect = dialect!(scope, "rigol-dho800");
+        let rig = Rig::new(clock, "rigol-dho800");
+        let mut scope = Instrument::new(rig.link(dialect.profile()).await, dialect);
+        scope.set(&Intent::Session { memory_points: 1_000 }).await.unwrap();
+        scope.set(&Intent::Arm).await.unwrap();
+        scope.stop().await.unwrap();
+        let none = scope.download(1, 1_000).await.unwrap_err().to_string();
+        assert!(
+            none.contains("`:WAV:PRE?` answered `1,2,0,1,0,0,0,0,0,32768`: expected scales above zero: no frame was completed"),
+            "{none}"
+        );
+        let vertical = Vertical { channel: 1, per_div: Volts(0.05), offset: Volts(-3.8) };
+        let refused = scope.set(&Intent::Vertical(vertical)).await.unwrap_err().to_string();
+        assert!(refused.contains("`:CHAN1:OFFS?` answered `-1.0E0`: expected a number within 1.3e-2 of -3.8"), "{refused}");
     });
 }
