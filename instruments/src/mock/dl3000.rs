@@ -73,7 +73,7 @@ pub(super) struct Dl3000 {
 impl Dl3000 {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let (status, serial_number) = (Status::new(QUEUE_DEPTH), options.serial_number.clone());
-        let load = Self { world: World::new(plant), status, serial_number, settings: Settings::default() };
+        let load = Self { world: World::new(plant, options.since_s), status, serial_number, settings: Settings::default() };
         load.act();
         load
     }

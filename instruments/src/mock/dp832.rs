@@ -66,7 +66,7 @@ pub(super) struct Dp832 {
 impl Dp832 {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let supply = Self {
-            world: World::new(plant),
+            world: World::new(plant, options.since_s),
             status: Status::new(QUEUE_DEPTH),
             serial_number: options.serial_number.clone(),
             channels: std::array::from_fn(Channel::new),

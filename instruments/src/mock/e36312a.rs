@@ -62,7 +62,7 @@ pub(super) struct Keysight {
 impl Keysight {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let supply = Self {
-            world: World::new(plant),
+            world: World::new(plant, options.since_s),
             status: Status::new(QUEUE_DEPTH),
             serial_number: options.serial_number.clone(),
             channels: std::array::from_fn(Channel::new),

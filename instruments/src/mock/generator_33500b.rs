@@ -118,7 +118,7 @@ pub(super) struct Keysight {
 impl Keysight {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let (status, serial_number) = (Status::new(QUEUE_DEPTH), options.serial_number.clone());
-        let generator = Self { world: World::new(plant), status, serial_number, channels: [Channel::default(); 2] };
+        let generator = Self { world: World::new(plant, options.since_s), status, serial_number, channels: [Channel::default(); 2] };
         generator.act();
         generator
     }

@@ -25,8 +25,8 @@ pub(super) struct Huber {
 }
 
 impl Huber {
-    pub(super) fn new(plant: SharedPlant, _: &MockOptions) -> Self {
-        let huber = Self { world: World::new(plant), setpoint: 2500, controlling: false, restarted: true };
+    pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
+        let huber = Self { world: World::new(plant, options.since_s), setpoint: 2500, controlling: false, restarted: true };
         huber.act();
         huber
     }

@@ -10,6 +10,7 @@ mod drivers_scope;
 mod drivers_second;
 mod drivers_supply4q;
 mod drivers_thermal;
+mod faults;
 mod link;
 mod mocks_devices;
 mod mocks_plant;

@@ -144,7 +144,7 @@ fn nearest_step(value: f64) -> f64 {
 impl Dho {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         Self {
-            world: World::new(plant),
+            world: World::new(plant, options.since_s),
             serial_number: options.serial_number.clone(),
             page_points: options.page_points.max(1),
             panel: Panel::power_on(),

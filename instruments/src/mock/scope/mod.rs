@@ -175,7 +175,7 @@ impl Default for Transfer {
 impl Scope {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         Self {
-            world: World::new(plant),
+            world: World::new(plant, options.since_s),
             status: Status::new(QUEUE_DEPTH),
             serial_number: options.serial_number.clone(),
             page_points: options.page_points.max(1),
