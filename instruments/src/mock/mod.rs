@@ -18,6 +18,7 @@ mod jig;
 mod julabo;
 mod kepco;
 mod number;
+mod replay;
 mod scanner;
 mod scope;
 mod sdg;
@@ -29,6 +30,7 @@ mod world;
 
 pub use faults::{Fault, FaultLog, Happened, Schedule, Trouble, make_troubled};
 use plant::SharedPlant;
+pub use replay::{Divergence, Outcome, Replay};
 pub use serve::{serve, serve_memory, serve_pty, serve_tcp};
 
 use crate::scpi::decode::Terminator;
