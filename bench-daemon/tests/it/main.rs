@@ -18,6 +18,7 @@ mod mock_process;
 mod ocv_joint;
 mod ranging;
 mod real_data;
+mod resume;
 mod simulate;
 mod study;
 mod support;

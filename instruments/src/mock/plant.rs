@@ -30,6 +30,16 @@ pub trait Plant: Send {
 
     /// What is in the jig.
     fn mounted(&self) -> Fixture;
+
+    /// Takes another of the cells under test, by its number from 1, as that which `Fixture::Cell` means. Says whether there is such a cell.
+    fn insert(&mut self, _t_s: f64, number: usize) -> bool {
+        number == 1
+    }
+
+    /// Number of the cell under test that `Fixture::Cell` means.
+    fn inserted(&self) -> usize {
+        1
+    }
 }
 
 /// What can be clamped into the jig, and how the voltage probes are then connected.
