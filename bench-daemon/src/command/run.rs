@@ -17,7 +17,7 @@ use analysis::{calibration::Correction, spectrum::Spectrum};
 use instruments::{
     clock::{self, Clock, TimeMode},
     mock::plant::Fixture,
-    transport::{Address, MemoryHub},
+    transport::MemoryHub,
 };
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -32,6 +32,7 @@ use crate::{
     cli::RunArgs,
     command::Failure,
     config::{self, Experiment, load_experiment},
+    custody::{self, Custody},
     executor::SweepPoint,
     fixture_check::ControlResult,
     logging,
@@ -133,6 +134,11 @@ impl Session {
         self.runtime.as_ref().map_or(0.0, |runtime| runtime.block_on(async { self.clock.now_s() }))
     }
 
+    /// The simulated world behind the mocks, where there is one in this process and something was run on it, however it ended.
+    pub fn simulation(&self) -> Option<&Simulation> {
+        self.simulation.as_ref()
+    }
+
     /// Runs an experiment into a folder. One without controls of its own takes over the correction of the run before.
     ///
     /// # Errors
@@ -142,14 +148,17 @@ impl Session {
         let operator = Operator::detect();
         refuse_without_person(experiment, operator)?;
         let Some(runtime) = &self.runtime else { return Err(Failure::Panic("the bench's session has ended".to_owned())) };
+        if self.simulation.is_none() {
+            self.simulation = simulated(experiment)?;
+        }
         let (clock, simulation) = (self.clock.clone(), self.simulation.clone());
         let inherited = self.correction.clone().filter(|_| experiment.fixture_check.is_none());
+        custody::refuse(&experiment.bench)?;
         let finished = runtime.block_on(async {
             let recorder = Recorder::create(folder, clock.clone())?;
             logging::log_to(&recorder.path("log.txt"), &clock)?;
             Box::pin(Run { experiment, plan: &plan, clock, operator, recorder, before: (simulation, inherited) }.go()).await
         })?;
-        self.simulation.clone_from(&finished.simulation);
         self.correction = Some(finished.measured.correction.clone());
         Ok(finished)
     }
@@ -162,6 +171,13 @@ impl Drop for Session {
             runtime.shutdown_background();
         }
     }
+}
+
+/// The world behind in-process addresses; with addresses on real ports somebody else serves it.
+fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
+    let bench = &experiment.bench;
+    let section = bench.simulation.as_ref().filter(|_| bench.in_process());
+    Ok(section.map(|section| Simulation::new(&section.scenario, experiment.seed)).transpose()?)
 }
 
 /// A sweep that begins with a person changing the fixture must not fail in the middle of the night for want of one.
@@ -200,7 +216,10 @@ impl Run<'_> {
             self.recorder.text(&format!("config/{}_{name}", folder_of(source.path())), source.text())?;
         }
         let hub = MemoryHub::new();
-        let simulation = self.simulate(&hub)?;
+        let simulation = self.before.0.take();
+        if let Some(simulation) = &simulation {
+            simulation.serve_in_process(&self.experiment.bench, &self.clock, &hub)?;
+        }
         let mut taps = BTreeMap::new();
         for (role, _) in self.experiment.bench.instruments.addressed() {
             taps.insert(role, self.recorder.tap(role)?);
@@ -210,20 +229,26 @@ impl Run<'_> {
         if self.experiment.bench.instruments.logger.is_none() {
             self.recorder.warning("nothing watches the cell's temperature: the bench has no logger");
         }
-        let mut bench = Bench::open(&self.experiment.bench, &connections).await?;
-        let identities = bench.identify_strictly().await?;
-        self.manifest(&identities, "running")?;
         let progress = Progress::new(self.plan.plan());
+        let mut custody = Custody::take(self.experiment, self.recorder.folder(), (&self.clock, progress.doing())).await?;
+        let (mut bench, identities) = match self.open(&connections).await {
+            Ok(opened) => opened,
+            Err(failure) => return custody.end(Err(failure)).await,
+        };
         let (around, inherited) = ((&self.clock, &self.operator, &progress), self.before.1.take());
         let outcome = tokio::select! {
             outcome = caught(drive::drive((&mut bench, &mut self.recorder), self.experiment, self.plan, around, inherited)) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+            lost = custody.lost() => Err(lost.into()),
         };
         progress.finish();
         let outcome = match caught(async { Ok(bench.safe_state().await) }).await {
             Ok(safe_state) => safe(safe_state, outcome),
             Err(panic) => Err(Failure::Unsafe { failures: panic.to_string(), cause: String::new() }),
         };
+        // What could not be switched off is left to the guardian, which needs the instruments for itself.
+        drop(bench);
+        let outcome = custody.end(outcome).await;
         for (role, tap) in &connections.taps {
             if let Some(error) = tap.take_error() {
                 self.recorder.warning(&format!("the transcript of {role} is incomplete: {error}"));
@@ -246,23 +271,20 @@ impl Run<'_> {
         }
     }
 
+    /// Connects to the instruments, which must be the configured ones. Changes nothing on them.
+    async fn open(&self, connections: &Connections) -> Result<(Bench, Vec<Identified>), Failure> {
+        let mut bench = Bench::open(&self.experiment.bench, connections).await?;
+        let identities = bench.identify_strictly().await?;
+        self.manifest(&identities, "running")?;
+        Ok((bench, identities))
+    }
+
     /// The reason for the end outweighs a manifest that cannot be written.
     fn ended_early(&self, identities: &[Identified], how: &str, failure: &Failure) {
         tracing::info!("{how}: {failure}");
         if let Err(error) = self.manifest(identities, &format!("{how}: {failure}")) {
             tracing::error!("{error}");
         }
-    }
-
-    /// The world behind in-process addresses; with addresses on real ports somebody else serves it.
-    fn simulate(&self, hub: &MemoryHub) -> Result<Option<Simulation>, Failure> {
-        let bench = &self.experiment.bench;
-        let in_process = bench.instruments.addressed().iter().any(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));
-        let Some(section) = bench.simulation.as_ref().filter(|_| in_process) else { return Ok(None) };
-        let known = self.before.0.clone();
-        let simulation = known.map_or_else(|| Simulation::new(&section.scenario, self.experiment.seed), Ok)?;
-        simulation.serve_in_process(bench, &self.clock, hub)?;
-        Ok(Some(simulation))
     }
 
     fn manifest(&self, instruments: &[Identified], status: &str) -> Result<(), Failure> {
