@@ -17,6 +17,7 @@ mod mock_process;
 mod ocv_joint;
 mod ranging;
 mod real_data;
+mod safety;
 mod simulate;
 mod study;
 mod support;

@@ -41,7 +41,11 @@ pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWr
                     continue;
                 }
             };
-            let reply = device.handle(clock.now_s(), &message);
+            let now_s = clock.now_s();
+            let reply = device.handle(now_s, &message);
+            if !reply.is_empty() {
+                clock.sleep_s(device.late_s(now_s)).await;
+            }
             stream.write_all(&reply).await?;
             stream.flush().await?;
         }
