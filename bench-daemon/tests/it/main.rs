@@ -10,6 +10,7 @@ mod diagnose;
 mod fit;
 mod fit_circuit;
 mod gate;
+mod guardian;
 mod investigate;
 mod kill;
 mod kk;

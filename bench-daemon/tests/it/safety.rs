@@ -61,6 +61,7 @@ impl Case {
 }
 
 const NEARLY_FULL: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.95");
+const WEAK: (&str, &str, &str) = (SCENARIO, "[cell]", "[cell]\ngreatest_charge_a = 5.0");
 const INTERLOCK: &str = "[interlock]\n";
 
 #[test]
@@ -107,14 +108,13 @@ fn only_the_look_at_frozen_values_saves_a_cell_that_is_discharged_by_a_blind_loa
 
 #[test]
 fn only_the_current_limit_saves_a_cell_from_a_supply_that_runs_away() {
-    let weak: (&str, &str, &str) = (SCENARIO, "[cell]", "[cell]\ngreatest_charge_a = 5.0");
     let case = Case {
         files: || sweep(2),
         faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 12.0 }",
         common: "",
-        with: &[weak],
+        with: &[WEAK],
         // Nobody sees the current.
-        without: &[weak, (SCENARIO, "[faults]", "[faults]\nammeter_freezes_s = 55.0")],
+        without: &[WEAK, (SCENARIO, "[faults]", "[faults]\nammeter_freezes_s = 55.0")],
         trip: "cell current 2.",
         harm: AbuseKind::OverCharge,
     };
@@ -151,13 +151,12 @@ fn only_the_rate_of_the_temperature_saves_a_cell_whose_thermometer_has_come_off(
 
 #[test]
 fn only_the_age_of_the_readings_saves_a_cell_whose_instruments_become_slow() {
-    let weak: (&str, &str, &str) = (SCENARIO, "[cell]", "[cell]\ngreatest_charge_a = 5.0");
     let case = Case {
         files: || sweep(2),
         faults: "[faults]\nslow_answers = { from_s = 60.0, late_s = 1.9 }\nbipolar_drifts = { from_s = 100.0, a_per_s = 1.0, greatest_a = 12.0 }",
         common: "",
-        with: &[weak, (CELL, INTERLOCK, "[interlock]\nreading_age_max = \"3 s\"\n")],
-        without: &[weak],
+        with: &[WEAK, (CELL, INTERLOCK, "[interlock]\nreading_age_max = \"3 s\"\n")],
+        without: &[WEAK],
         trip: "time without a reading ",
         harm: AbuseKind::OverCharge,
     };
