@@ -223,6 +223,17 @@ pub(super) struct Bench {
     pub(super) controls: Controls,
     pub(super) simulation: Option<Simulation>,
     pub(super) history: Option<BenchHistory>,
+    /// Where the state of the bench is kept.
+    pub(super) state_folder: Option<String>,
+    #[serde(default)]
+    pub(super) guardian: Guardian,
+}
+
+#[derive(Debug, Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Guardian {
+    pub(super) lease: Option<Quantity<Duration>>,
+    pub(super) stall: Option<Quantity<Duration>>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -316,6 +327,8 @@ pub(super) struct Cell {
     pub(super) discharge_current_max: Quantity<Current>,
     pub(super) temperature_min: Quantity<Temperature>,
     pub(super) temperature_max: Quantity<Temperature>,
+    #[serde(default)]
+    pub(super) interlock: super::interlock::Section,
     pub(super) pack: Pack,
     pub(super) ocv: Option<Ocv>,
 }

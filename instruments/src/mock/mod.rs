@@ -48,6 +48,12 @@ pub trait Device: Send {
     fn trouble(&mut self, _now_s: f64, _message: &[u8]) -> Option<Trouble> {
         None
     }
+
+    /// How late the answer to a message of `now_s` is, s.
+    fn late_s(&self, now_s: f64) -> f64 {
+        let _ = now_s;
+        0.0
+    }
 }
 
 /// What a mock can be told about itself. What does not apply to a model is ignored by it.
@@ -229,8 +235,29 @@ fn known_models() -> String {
 /// [`UnknownModel`] when no model has this key.
 pub fn make(model: &str, plant: SharedPlant, options: &MockOptions) -> Result<Box<dyn Device>, UnknownModel> {
     let found = MODELS.iter().find(|candidate| candidate.key == model);
-    let device = found.map(|found| (found.make)(plant, options)).ok_or_else(|| UnknownModel { found: model.to_owned() })?;
+    let device = found.map(|found| (found.make)(plant.clone(), options)).ok_or_else(|| UnknownModel { found: model.to_owned() })?;
+    let device: Box<dyn Device> = Box::new(Late { device, plant });
     Ok(if options.echo { Box::new(Echo(device)) } else { device })
+}
+
+/// Answers as late as the world has it.
+struct Late {
+    device: Box<dyn Device>,
+    plant: SharedPlant,
+}
+
+impl Device for Late {
+    fn terminator(&self) -> Terminator {
+        self.device.terminator()
+    }
+
+    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
+        self.device.handle(now_s, message)
+    }
+
+    fn late_s(&self, now_s: f64) -> f64 {
+        self.plant.lock().unwrap_or_else(std::sync::PoisonError::into_inner).late_s(now_s)
+    }
 }
 
 /// Sends every message back before the answer.
@@ -247,5 +274,9 @@ impl Device for Echo {
 
     fn trouble(&mut self, now_s: f64, message: &[u8]) -> Option<Trouble> {
         self.0.trouble(now_s, message)
+    }
+
+    fn late_s(&self, now_s: f64) -> f64 {
+        self.0.late_s(now_s)
     }
 }

@@ -40,6 +40,18 @@ pub trait Plant: Send {
     fn inserted(&self) -> usize {
         1
     }
+
+    /// The chiller has no flow any more.
+    fn chiller_alarm(&mut self, t_s: f64) -> bool {
+        let _ = t_s;
+        false
+    }
+
+    /// How late every answer of every instrument is at `t_s`, s.
+    fn late_s(&self, t_s: f64) -> f64 {
+        let _ = t_s;
+        0.0
+    }
 }
 
 /// What can be clamped into the jig, and how the voltage probes are then connected.

@@ -41,12 +41,16 @@ pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWr
                     continue;
                 }
             };
-            let trouble = device.trouble(clock.now_s(), &message);
+            let now_s = clock.now_s();
+            let trouble = device.trouble(now_s, &message);
             let reply = match trouble {
                 // The power is back before anybody asks again, and what was asked is forgotten.
                 Some(Trouble { fault: Fault::LoseMessage | Fault::PowerCycle, .. }) => Vec::new(),
-                _ => device.handle(clock.now_s(), &message),
+                _ => device.handle(now_s, &message),
             };
+            if !reply.is_empty() {
+                clock.sleep_s(device.late_s(now_s)).await;
+            }
             match trouble {
                 None => answer(&mut stream, &reply).await?,
                 Some(trouble) => {
