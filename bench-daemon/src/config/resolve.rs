@@ -7,7 +7,16 @@ use analysis::{
     ocv::OcvCurve,
 };
 use fixtures::Scenario;
-use instruments::{chiller, clock::TimeMode, generator, instrument::Model, jig, load, logger, scope, supply, supply4q, transport::Address};
+use instruments::{
+    chiller,
+    clock::TimeMode,
+    generator,
+    instrument::Model,
+    jig, load, logger,
+    mock::{Fault, Schedule},
+    scope, supply, supply4q,
+    transport::Address,
+};
 
 use super::{Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw};
 use crate::interlock::Limits;
@@ -227,7 +236,17 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
         let reason = format!("scaled time is for mocks on this machine, and {role} is at {}", instrument.address);
         return Err(source.complain("simulation.time", reason));
     }
-    Ok(Simulation { scenario: source.relative(&raw.scenario), time })
+    let faults = raw.faults.as_ref().map(|faults| resolve_faults(source, faults)).transpose()?;
+    Ok(Simulation { scenario: source.relative(&raw.scenario), time, faults })
+}
+
+fn resolve_faults(source: &Source, raw: &raw::Faults) -> Result<Schedule, ConfigError> {
+    if !(0.0..=1.0).contains(&raw.per_message) {
+        let reason = format!("expected a chance from 0 to 1, found {}", raw.per_message);
+        return Err(source.complain("simulation.faults.per_message", reason));
+    }
+    let faults = raw.kinds.clone().unwrap_or_else(|| Fault::ALL.to_vec());
+    Ok(Schedule { seed: raw.seed, per_message: raw.per_message, most: raw.most, faults })
 }
 
 /// In this process, on the loopback interface, or on a pseudo-terminal.

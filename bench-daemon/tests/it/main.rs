@@ -4,6 +4,7 @@
 mod accuracy;
 mod additions;
 mod architecture;
+mod bad_day;
 mod benches;
 mod configuration;
 mod demo;
