@@ -56,7 +56,7 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
         return Err(source.complain("fixture_check", reason));
     }
     let (traces, trace_sources) = check.traces(&raw.traces)?;
-    let campaign = raw.campaign.as_ref().map(|section| check.campaign(section, eis.as_ref())).transpose()?;
+    let campaign = raw.campaign.as_ref().map(|section| check.campaign(section, (eis.as_ref(), &traces))).transpose()?;
     if eis.as_ref().is_none_or(|eis| eis.repeat == 0) && traces.is_empty() {
         return Err(source.complain("(whole file)", "expected a section [eis] with a repeat above 0, or a section [[traces]]"));
     }
