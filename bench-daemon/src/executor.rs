@@ -220,8 +220,9 @@ impl<'a> Executor<'a> {
         }
         let scope_error = self.bench.error("scope");
         if let Some(eis) = &self.experiment.eis {
-            let memory_points = eis.memory_points;
             let scope = require(&mut self.bench.scope, "scope")?;
+            // What cannot be thinned out before it is sent is not taken in the first place.
+            let memory_points = if scope.capabilities().thins_out { eis.memory_points } else { eis.record_points };
             scope.set(&instruments::scope::Intent::Session { memory_points }).await.map_err(scope_error)?;
             self.memory_points = Some(memory_points);
         }

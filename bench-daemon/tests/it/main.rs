@@ -4,6 +4,7 @@
 mod accuracy;
 mod additions;
 mod architecture;
+mod benches;
 mod configuration;
 mod demo;
 mod diagnose;

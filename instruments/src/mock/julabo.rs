@@ -38,7 +38,7 @@ pub(super) struct Julabo {
 impl Julabo {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let julabo = Self {
-            world: World::new(plant),
+            world: World::new(plant, options.since_s),
             remote: !options.local,
             strict_pacing: options.strict_pacing,
             state: ChillerState { running: false, setpoint_c: 25.0 },

@@ -4,8 +4,16 @@
 //! mistake cannot cancel. An unknown header gets what the model does with it: an entry in the error queue, or silence; never a guess.
 //! Knows no physics: the world is behind [`plant::Plant`].
 
+mod faults;
 pub mod plant;
 
+mod acquisition;
+mod dho;
+mod dl3000;
+mod dp832;
+mod e36312a;
+mod generator_33500b;
+mod huber;
 mod jig;
 mod julabo;
 mod kepco;
@@ -19,6 +27,7 @@ mod spd;
 mod tree;
 mod world;
 
+pub use faults::{Fault, FaultLog, Happened, Schedule, Trouble, make_troubled};
 use plant::SharedPlant;
 pub use serve::{serve, serve_memory, serve_pty, serve_tcp};
 
@@ -34,9 +43,13 @@ pub trait Device: Send {
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8>;
 
     /// How late the answer to a message of `now_s` is, s.
-    fn late_s(&self, now_s: f64) -> f64 {
-        let _ = now_s;
+    fn late_s(&self, _now_s: f64) -> f64 {
         0.0
+    }
+
+    /// What goes wrong on the wire with the message that is about to be handled; nothing with a sound instrument.
+    fn trouble(&mut self, _now_s: f64, _message: &[u8]) -> Option<Trouble> {
+        None
     }
 }
 
@@ -58,6 +71,8 @@ pub struct MockOptions {
     pub local: bool,
     /// `julabo`: a command that comes too soon after a write is lost.
     pub strict_pacing: bool,
+    /// Bench time at which it is switched on, s.
+    pub since_s: f64,
 }
 
 impl Default for MockOptions {
@@ -70,6 +85,7 @@ impl Default for MockOptions {
             page_points: 10_000_000,
             local: false,
             strict_pacing: false,
+            since_s: 0.0,
         }
     }
 }
@@ -82,6 +98,8 @@ pub struct Model {
     pub role: &'static str,
     /// One line for people.
     pub description: &'static str,
+    /// What its protection or a hand at its panel would do to its output, as a message.
+    pub panel_off: Option<&'static str>,
     /// Makes one, in the state in which it is switched on.
     pub make: fn(SharedPlant, &MockOptions) -> Box<dyn Device>,
 }
@@ -92,54 +110,105 @@ pub const MODELS: &[Model] = &[
         key: "kepco-bop-mg",
         role: "supply4q",
         description: "Kepco BOP 1KW 50-20MG: ±50 V ±20 A, analog input selected by command",
+        panel_off: Some("OUTP OFF"),
         make: |plant, options| Box::new(kepco::Kepco::new(kepco::Family::Switching, plant, options)),
     },
     Model {
         key: "kepco-bop-linear",
         role: "supply4q",
         description: "Kepco BOP 20-20 with BIT card: ±20 V ±20 A, analog input by wiring",
+        panel_off: Some("OUTP OFF"),
         make: |plant, options| Box::new(kepco::Kepco::new(kepco::Family::Linear { analog_wired: options.analog_wired }, plant, options)),
     },
     Model {
         key: "siglent-sdg1000x",
         role: "generator",
         description: "Siglent SDG1032X: sine and offset on channel 1",
+        panel_off: Some("C1:OUTP OFF"),
         make: |plant, options| Box::new(sdg::Sdg::new(plant, options)),
     },
     Model {
         key: "siglent-sds800x-hd",
         role: "scope",
         description: "Siglent SDS824X HD: four channels, 12 bits",
+        panel_off: None,
         make: |plant, options| Box::new(scope::Scope::new(plant, options)),
+    },
+    Model {
+        key: "rigol-dho800",
+        role: "scope",
+        description: "Rigol DHO824: four channels, 12 bits",
+        panel_off: None,
+        make: |plant, options| Box::new(dho::Dho::new(plant, options)),
     },
     Model {
         key: "siglent-sdl1000x",
         role: "load",
         description: "Siglent SDL1020X-E: constant current to 30 A",
+        panel_off: Some(":INP OFF"),
         make: |plant, options| Box::new(sdl::Sdl::new(plant, options)),
     },
     Model {
         key: "siglent-spd3303x",
         role: "supply",
         description: "Siglent SPD3303X: 32 V 3.2 A on channel 1",
+        panel_off: Some("OUTP CH1,OFF"),
         make: |plant, options| Box::new(spd::Spd::new(plant, options)),
+    },
+    Model {
+        key: "keysight-33500b",
+        role: "generator",
+        description: "Keysight 33522B: sine and offset on channel 1",
+        panel_off: Some("OUTP1 OFF"),
+        make: |plant, options| Box::new(generator_33500b::Keysight::new(plant, options)),
+    },
+    Model {
+        key: "keysight-e36312a",
+        role: "supply",
+        description: "Keysight E36312A: 6 V 5 A on channel 1",
+        panel_off: Some("OUTP OFF,(@1)"),
+        make: |plant, options| Box::new(e36312a::Keysight::new(plant, options)),
+    },
+    Model {
+        key: "rigol-dp832",
+        role: "supply",
+        description: "Rigol DP832: 30 V 3 A on channel 1",
+        panel_off: Some(":OUTP CH1,OFF"),
+        make: |plant, options| Box::new(dp832::Dp832::new(plant, options)),
+    },
+    Model {
+        key: "rigol-dl3000",
+        role: "load",
+        description: "Rigol DL3021: constant current to 40 A",
+        panel_off: Some(":INP OFF"),
+        make: |plant, options| Box::new(dl3000::Dl3000::new(plant, options)),
+    },
+    Model {
+        key: "huber-pb",
+        role: "chiller",
+        description: "Huber Pilot ONE circulator, PB commands",
+        panel_off: Some("{M140000"),
+        make: |plant, options| Box::new(huber::Huber::new(plant, options)),
     },
     Model {
         key: "julabo",
         role: "chiller",
         description: "Julabo CF31 circulator, serial",
+        panel_off: Some("OUT_MODE_05 0"),
         make: |plant, options| Box::new(julabo::Julabo::new(plant, options)),
     },
     Model {
         key: "keysight-34970a",
         role: "logger",
         description: "Keysight 34970A: thermocouples on 101 (cell), 102 (ambient), 103 (bath)",
+        panel_off: None,
         make: |plant, options| Box::new(scanner::Scanner::new(plant, options)),
     },
     Model {
         key: "mock-jig",
         role: "jig",
         description: "the hands that clamp another fixture into the jig",
+        panel_off: None,
         make: |plant, options| Box::new(jig::Jig::new(plant, options)),
     },
 ];
@@ -202,5 +271,9 @@ impl Device for Echo {
 
     fn late_s(&self, now_s: f64) -> f64 {
         self.0.late_s(now_s)
+    }
+
+    fn trouble(&mut self, now_s: f64, message: &[u8]) -> Option<Trouble> {
+        self.0.trouble(now_s, message)
     }
 }
