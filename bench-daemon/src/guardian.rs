@@ -119,7 +119,7 @@ impl<'a> Watch<'a> {
         let state = State::of(charge.bench)?.ok_or(GuardianError::NothingToGuard)?;
         let place = state.lock_guardian()?.ok_or(GuardianError::Another)?;
         let log = state.path("guardian.log");
-        crate::logging::log_to(&log, clock).map_err(|source| StateError::Io { path: log, what: "cannot be written", source })?;
+        crate::logging::log_on(&log, clock).map_err(|source| StateError::Io { path: log, what: "cannot be written", source })?;
         let mut taps = BTreeMap::new();
         for role in DRIVES {
             let path = state.path(&format!("guardian_{role}.txt"));
@@ -146,7 +146,8 @@ impl<'a> Watch<'a> {
             unix_s: clock::unix_time_s(),
         };
         state.json(REPORT, &report)?;
-        tracing::info!("watching process {} on {}", report.daemon, charge.bench.name);
+        let (run, unix_s) = (&report.run, report.unix_s);
+        tracing::info!("process {}, at {unix_s:.0} s since 1970: watching process {} on {} for {run}", report.pid, report.daemon, charge.bench.name);
         Ok(Self { charge, clock: clock.clone(), state, connections, report, cell: false, words: words(), _place: place })
     }
 
@@ -246,7 +247,8 @@ impl<'a> Watch<'a> {
             let trip = Trip::Limit { what, value, unit: "V", least, greatest, time_s: self.clock.now_s() };
             self.latch(Latched::of_trip("guardian", &trip));
         }
-        self.tell("verified")
+        self.tell("verified")?;
+        Ok(self.state.remember(&serde_json::json!({ "what": "switched off by the guardian", "report": self.report }))?)
     }
 
     fn cause(&self) -> &'static str {

@@ -169,13 +169,14 @@ fn only_the_chillers_own_word_saves_a_cell_that_is_no_longer_cooled() {
         Files::demo()
             .without(EXPERIMENT, "fixture_check")
             .edit(EXPERIMENT, "discharge_current = \"5 A\"", "discharge_current = \"10 A\"")
+            .edit(EXPERIMENT, "discharge_until = \"3.52 V\"", "discharge_until = \"3.00 V\"")
             .edit(EXPERIMENT, "start = \"0.1 Hz\"", "start = \"100 Hz\"")
             .edit(EXPERIMENT, "points = 20", "points = 2")
             .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
     };
     let case = Case {
         files: tempered,
-        faults: "[faults]\nthermometer_ceiling_c = 29.0\nchiller_stops = { from_s = 1000.0, block_k_per_w = 50.0 }",
+        faults: "[faults]\nthermometer_ceiling_c = 29.0\nchiller_stops = { from_s = 700.0, block_k_per_w = 50.0 }",
         common: "frozen_charge = \"1000 %\"",
         with: &[(SCENARIO, "[cell]", "[cell]\ngreatest_c = 30.0")],
         without: &[(SCENARIO, "[cell]", "[cell]\ngreatest_c = 30.0"), (SCENARIO, "50.0 }", "50.0, silent = true }")],
