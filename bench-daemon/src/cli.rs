@@ -8,12 +8,15 @@ use crate::terminal::remark;
 use crate::{
     command::{self, Failure},
     logging::{self, Verbosity},
+    wishes::Course,
 };
 
 const EXAMPLES: &str = "\
 Examples:
   The whole job on the built-in simulated bench, in seconds:
     eis-bench run configs/experiments/demo.toml
+  Go on with a run that died, in its folder:
+    eis-bench resume runs/thesis
   What would be done, and for how long, without touching anything:
     eis-bench plan configs/experiments/thesis.toml
   Who answers at the configured addresses; changes nothing:
@@ -70,6 +73,16 @@ struct Cli {
 enum Command {
     /// Run an experiment: fixture check, SOC reset, sweep, fits, report.
     Run(RunArgs),
+    /// Go on with a run that died or was stopped, in its folder, at the next unfinished point.
+    Resume(ResumeArgs),
+    /// Ask a run in another terminal to wait without any current, from the next point on.
+    Pause(command::wish::FolderArgs),
+    /// Ask a paused run to go on.
+    GoOn(command::wish::FolderArgs),
+    /// Ask a run to end in safe state at the next point.
+    Abort(command::wish::FolderArgs),
+    /// Ask a campaign to play the named runs next.
+    Reorder(command::wish::ReorderArgs),
     /// Print what an experiment would do, step by step, with its duration. Touches nothing.
     Plan(PlanArgs),
     /// Serve the simulated instruments of a bench on real ports until stopped.
@@ -121,6 +134,16 @@ pub struct RunArgs {
     /// Another seed than the experiment's, for the simulation and the fits' searches.
     #[arg(long)]
     pub seed: Option<u64>,
+}
+
+/// Arguments of `resume`.
+#[derive(Debug, Args)]
+pub struct ResumeArgs {
+    /// The run folder.
+    pub folder: PathBuf,
+    /// Play a step again although nobody knows which charge it moved before: the cell was looked at and brought to its state by hand.
+    #[arg(long)]
+    pub accept_charge: bool,
 }
 
 /// Arguments of `plan`.
@@ -210,6 +233,11 @@ pub fn main() -> ExitCode {
     });
     let result = match cli.command {
         Command::Run(args) => command::run::run(&args),
+        Command::Resume(args) => command::resume::resume(&args),
+        Command::Pause(args) => command::wish::wish(&args, Course::Pause),
+        Command::GoOn(args) => command::wish::wish(&args, Course::GoOn),
+        Command::Abort(args) => command::wish::wish(&args, Course::Abort),
+        Command::Reorder(args) => command::wish::reorder(&args),
         Command::Plan(args) => command::plan::plan(&args),
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),

@@ -3,10 +3,14 @@
 
 mod beside;
 mod dc;
+mod entrance;
 mod error;
+mod heed;
 mod sine;
 mod trace;
 mod watch;
+
+use std::sync::Arc;
 
 use analysis::calibration::Correction;
 use instruments::{
@@ -18,6 +22,7 @@ use instruments::{
 };
 
 pub use beside::{Bend, Beside};
+pub use entrance::Entrance;
 pub use error::ExecuteError;
 pub use sine::SweepPoint;
 
@@ -25,8 +30,9 @@ use crate::{
     bench::{Bench, BenchError},
     config::{self, Experiment},
     interlock::{Interlock, NO_CURRENT_A, Reading},
+    journal::Entry,
     operator::Operator,
-    plan::{Purpose, Stage, Step, fixture_name},
+    plan::{Purpose, Specimen, Stage, Step, fixture_name},
     progress::Progress,
     record::Recorder,
 };
@@ -65,8 +71,10 @@ pub struct Executor<'a> {
     /// What the step in work may expose the cell to.
     interlock: Interlock,
     polls: u32,
-    /// What was clamped into the jig last.
-    mounted: Option<Fixture>,
+    /// What was clamped into the jig last, and which of the cells it was, where there are several.
+    mounted: Option<(Fixture, Option<Arc<Specimen>>)>,
+    /// The cell that is in use, where there are several.
+    specimen: Option<Arc<Specimen>>,
     /// Number of the sweep, 0 for a control.
     repeat: usize,
     /// Points that the scope's memory was last set to.
@@ -109,6 +117,7 @@ impl<'a> Executor<'a> {
             interlock: Interlock::new(experiment.cell.interlock, experiment.cell.limits, experiment.bench.instruments.logger.is_some()),
             polls: 0,
             mounted: None,
+            specimen: None,
             repeat: 0,
             memory_points: None,
             zero: None,
@@ -119,51 +128,86 @@ impl<'a> Executor<'a> {
         }
     }
 
-    /// Executes one stage; `on_point` gets every finished point as soon as its capture is on disk.
+    /// Executes one stage, given with its number in the plan, from where `entrance` says; `on_point` gets every finished point as soon as it and its
+    /// capture are on disk. Returns all points, those that were there before included.
     ///
     /// # Errors
     /// The first thing that went wrong. The outputs may then still be on.
     pub async fn stage(
         &mut self,
-        stage: &Stage,
+        (number, stage): (usize, &Stage),
+        entrance: &Entrance<'_>,
         on_point: &mut dyn FnMut(&mut Recorder, &SweepPoint) -> Result<(), ExecuteError>,
     ) -> Result<Vec<SweepPoint>, ExecuteError> {
         tracing::info!("stage: {}", stage.purpose);
+        self.recorder.journal(Entry::Stage { stage: number })?;
         self.recorder.event(&stage.purpose.to_string())?;
-        let mut points = Vec::new();
+        let mut points: Vec<SweepPoint> = Vec::new();
         let mut fixture = Fixture::Cell;
         self.repeat = if let Purpose::Sweep(_, repeat) = stage.purpose { repeat } else { 0 };
-        for step in &stage.steps {
+        for (index, step) in stage.steps.iter().enumerate() {
+            if let Some(known) = entrance.point(index) {
+                points.push(known.point.clone());
+            }
+            if !entrance.plays(stage, (index, step)) {
+                continue;
+            }
+            self.heed(stage, (index, fixture)).await?;
             tracing::info!("step: {step}");
+            self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string() })?;
             self.recorder.event(&step.to_string())?;
             self.progress.begin(&stage.purpose.to_string(), step);
             self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
-            match *step {
-                Step::Mount(other) => {
-                    fixture = other;
-                    self.mount(other).await?;
-                }
-                Step::HoldTemperature { .. } => self.hold_temperature(step).await?,
-                Step::Discharge { .. } => self.discharge(step).await?,
-                Step::Charge { .. } => self.charge(step).await?,
-                Step::Rest { .. } => self.rest(step).await?,
-                Step::PowerUp { compliance_v, limit_a, .. } => {
-                    let limits = supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) };
-                    self.power_up(fixture, &limits).await?;
-                }
-                Step::Sine { .. } => {
-                    let point = self.sine(fixture, step).await?;
-                    on_point(self.recorder, &point)?;
-                    points.push(point);
-                }
-                Step::Pause { span_s } => self.pause(span_s).await?,
-                Step::Zero(ref trace) => self.zero(trace).await?,
-                Step::Trace(ref trace) => self.trace(trace).await?,
-                Step::PowerDown => self.power_down().await?,
+            if let Step::Mount(other) = *step {
+                fixture = other;
+            }
+            if let Some(point) = self.play(fixture, step).await? {
+                self.recorder.point((number, index), self.idle, &point)?;
+                on_point(self.recorder, &point)?;
+                points.push(point);
+            } else {
+                self.recorder.journal(Entry::Done { stage: number, step: index })?;
             }
             self.progress.end(step);
         }
+        if let Some(first) = entrance.points.first() {
+            // The sweep began when its first point did.
+            self.idle = first.idle;
+        }
         Ok(points)
+    }
+
+    /// Plays one step; a sine gives a point.
+    async fn play(&mut self, fixture: Fixture, step: &Step) -> Result<Option<SweepPoint>, ExecuteError> {
+        match *step {
+            Step::Specimen(ref specimen, _) => self.insert(specimen).await?,
+            Step::Mount(_) => self.mount(fixture).await?,
+            Step::HoldTemperature { .. } => self.hold_temperature(step).await?,
+            Step::Discharge { .. } => self.discharge(step).await?,
+            Step::Charge { .. } => self.charge(step).await?,
+            Step::Rest { .. } => self.rest(step).await?,
+            Step::PowerUp { .. } => self.power(fixture, step).await?,
+            Step::Sine { .. } => return self.sine(fixture, step).await.map(Some),
+            Step::Pause { span_s } => self.pause(span_s).await?,
+            Step::Zero(ref trace) => self.zero(trace).await?,
+            Step::Trace(ref trace) => self.trace(trace).await?,
+            Step::PowerDown => self.power_down().await?,
+        }
+        Ok(None)
+    }
+
+    /// Takes another cell into use. Where a person does it, they are asked when it is to be clamped.
+    async fn insert(&mut self, specimen: &Arc<Specimen>) -> Result<(), ExecuteError> {
+        self.bench.safe_state().await.map_err(first)?;
+        let error = self.bench.error("jig");
+        if let Some(jig) = self.bench.jig.as_mut() {
+            jig.insert(specimen.number).await.map_err(error)?;
+        }
+        if self.specimen.replace(specimen.clone()).as_ref() != Some(specimen) {
+            // What traces have left is in the other cell.
+            self.charge_c = 0.0;
+        }
+        Ok(())
     }
 
     async fn mount(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
@@ -185,19 +229,24 @@ impl<'a> Executor<'a> {
                 mounted.map_err(self.bench.error("jig"))?;
             }
             // Whoever put it there need not be asked again.
-            (Some(config::Jig::Person), _) if self.mounted == Some(fixture) => {}
+            (Some(config::Jig::Person), _) if self.mounted == Some((fixture, self.specimen.clone())) => {}
             (Some(config::Jig::Person), _) => {
                 let _person = self.clock.wait(None);
-                self.operator.mount(fixture).await?;
+                self.operator.mount(fixture, self.specimen.as_deref()).await?;
             }
             // Without a jig only the cell is ever asked for: it is what is in there.
             _ => {}
         }
-        self.mounted = Some(fixture);
+        self.mounted = Some((fixture, self.specimen.clone()));
         if fixture == Fixture::Short {
             self.refuse_a_cell("after mounting the short").await?;
         }
         Ok(())
+    }
+
+    async fn power(&mut self, fixture: Fixture, step: &Step) -> Result<(), ExecuteError> {
+        let Step::PowerUp { compliance_v, limit_a, .. } = *step else { return Ok(()) };
+        self.power_up(fixture, &supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) }).await
     }
 
     async fn power_up(&mut self, fixture: Fixture, limits: &supply4q::Limits) -> Result<(), ExecuteError> {

@@ -9,13 +9,7 @@
 
 mod keeper;
 
-use std::{
-    collections::BTreeMap,
-    fs::File,
-    io::BufRead,
-    path::Path,
-    time::Duration,
-};
+use std::{collections::BTreeMap, fs::File, io::BufRead, path::Path, time::Duration};
 
 use instruments::{
     clock::{self, Clock},
@@ -119,7 +113,7 @@ impl<'a> Watch<'a> {
         let state = State::of(charge.bench)?.ok_or(GuardianError::NothingToGuard)?;
         let place = state.lock_guardian()?.ok_or(GuardianError::Another)?;
         let log = state.path("guardian.log");
-        crate::logging::log_on(&log, clock).map_err(|source| StateError::Io { path: log, what: "cannot be written", source })?;
+        crate::logging::log_to(&log, clock).map_err(|source| StateError::Io { path: log, what: "cannot be written", source })?;
         let mut taps = BTreeMap::new();
         for role in DRIVES {
             let path = state.path(&format!("guardian_{role}.txt"));

@@ -38,7 +38,7 @@ impl Limits {
 }
 
 /// What was read at one time; what an instrument does not tell is `None`.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Reading {
     /// Bench time, s.
     pub time_s: f64,

@@ -59,19 +59,8 @@ pub fn start(verbosity: Verbosity) {
 /// # Errors
 /// A file that cannot be made.
 pub fn log_to(path: &Path, clock: &Clock) -> io::Result<()> {
-    log_into(File::create(path)?, clock)
-}
-
-/// The same behind what is in the file already.
-///
-/// # Errors
-/// A file that cannot be made.
-pub fn log_on(path: &Path, clock: &Clock) -> io::Result<()> {
-    log_into(File::options().create(true).append(true).open(path)?, clock)
-}
-
-fn log_into(file: File, clock: &Clock) -> io::Result<()> {
     let _ = BENCH_CLOCK.set(clock.clone());
+    let file = File::options().append(true).create(true).open(path)?;
     if let Ok(mut log) = RUN_LOG.lock() {
         *log = Some(Arc::new(file));
     }

@@ -5,7 +5,10 @@
 //! `captures/FIXTURE/…parquet` raw ADC codes · `raw_FIXTURE.csv` impedances before correction · `correction.json` · `spectrum.csv`, `.parquet` ·
 //! `spectrum_2.csv` … further sweeps · `series_TRACE_REPEAT.bdf.csv` traces · `traces.json` which sweeps and traces there are, and under which
 //! circumstances they were measured · `budget.csv`, `.json` ·
-//! `model_Nrc.json` · `plots/` · `report.html` · `transcripts/` every message · `log.txt`.
+//! `model_Nrc.json` · `plots/` · `report.html` · `transcripts/` every message · `log.txt` · `journal.jsonl` what was intended and what was done, from
+//! which a run that died goes on.
+
+mod reopen;
 
 use std::{
     fs::{self, File},
@@ -21,7 +24,13 @@ use analysis::{
 use instruments::{clock::Clock, mock::plant::Fixture, scope::Waveform, transcript::Tap};
 use serde::Serialize;
 
-use crate::{interlock::Reading, plan::fixture_name};
+use crate::{
+    drill::Drill,
+    executor::SweepPoint,
+    interlock::Reading,
+    journal::{Entry, Journal, JournalError, PointDone},
+    plan::fixture_name,
+};
 
 /// The index of sweeps and traces.
 const INDEX: &str = "traces.json";
@@ -42,6 +51,19 @@ pub enum RecordError {
     /// A table.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
+    /// The journal.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// A file of the folder is not what the journal says of it.
+    #[error("{path}: expected {expected}, found {found}", path = path.display())]
+    Differs {
+        /// The file.
+        path: PathBuf,
+        /// What it should be.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
     /// The folder is already in use.
     #[error("{path}: expected a new or empty folder, found files in it; choose another with --out", path = path.display())]
     NotEmpty {
@@ -73,6 +95,10 @@ pub struct CaptureFile {
 pub struct Recorder {
     folder: PathBuf,
     clock: Clock,
+    journal: Journal,
+    drill: Drill,
+    /// Captures of the point in work, with their SHA-256.
+    fresh: Vec<(String, String)>,
     events: BufWriter<File>,
     readings: BufWriter<File>,
     series: Vec<SeriesRow>,
@@ -95,6 +121,7 @@ impl Recorder {
             let path = folder.join(part);
             fs::create_dir_all(&path).map_err(io(&path, "cannot be made"))?;
         }
+        let journal = Journal::create(folder, &clock)?;
         let mut events = create(&folder.join("events.csv"))?;
         let mut readings = create(&folder.join("readings.csv"))?;
         line(&mut events, &folder.join("events.csv"), "time_s,event")?;
@@ -102,6 +129,9 @@ impl Recorder {
         Ok(Self {
             folder: folder.to_owned(),
             clock,
+            journal,
+            drill: Drill::none(),
+            fresh: Vec::new(),
             events,
             readings,
             series: Vec::new(),
@@ -121,13 +151,37 @@ impl Recorder {
         self.folder.join(name)
     }
 
-    /// A tap that writes one instrument's conversation.
+    /// From now on the journal and the transcripts are points of a crash drill.
+    pub fn drill(&mut self, drill: &Drill) {
+        self.drill = drill.clone();
+        self.journal.drill(drill.clone());
+    }
+
+    /// A tap that writes one instrument's conversation, behind what is there.
     ///
     /// # Errors
     /// A file that cannot be made.
     pub fn tap(&self, role: &str) -> Result<Tap, RecordError> {
         let path = self.path("transcripts").join(format!("{role}.txt"));
-        Ok(Tap::new(create(&path)?))
+        let file = File::options().append(true).create(true).open(&path).map_err(io(&path, "cannot be made"))?;
+        Ok(Tap::new(self.drill.transcript(BufWriter::new(file))))
+    }
+
+    /// Writes an entry into the journal; it is on disk when this returns.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn journal(&mut self, entry: Entry) -> Result<(), RecordError> {
+        Ok(self.journal.write(entry)?)
+    }
+
+    /// Writes a finished point of a sweep into the journal, with the captures since the point before it.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn point(&mut self, (stage, step): (usize, usize), idle: Reading, point: &SweepPoint) -> Result<(), RecordError> {
+        let files = std::mem::take(&mut self.fresh);
+        self.journal(Entry::Point(Box::new(PointDone { stage, step, files, idle, point: point.clone() })))
     }
 
     /// Writes down that something begins, before it does.
@@ -173,12 +227,19 @@ impl Recorder {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn capture(&self, file: &CaptureFile, waveforms: &[Waveform; 4]) -> Result<(), RecordError> {
+    pub fn capture(&mut self, file: &CaptureFile, waveforms: &[Waveform; 4]) -> Result<(), RecordError> {
         let name = sweep_name(file.fixture, file.repeat);
         let label = format!("{name} point {} attempt {} at {} A", file.index + 1, file.attempt + 1, file.amplitude_a);
         let again = if file.attempt == 0 { String::new() } else { format!("_again{}", file.attempt) };
         let point = format!("point{:02}_{:.6}Hz{again}", file.index + 1, file.freq_hz);
-        self.write_capture(&name, &point, &capture_of(label, file.freq_hz, file.start_s, waveforms))
+        self.write_capture(&name, &point, &capture_of(label, file.freq_hz, file.start_s, waveforms))?;
+        if file.attempt == 0 {
+            self.fresh.clear();
+        }
+        let relative = format!("captures/{name}/{point}.parquet");
+        let sha256 = reopen::sha256_of(&self.path(&relative))?;
+        self.fresh.push((relative, sha256));
+        Ok(())
     }
 
     /// Writes the raw codes of any frame, whole, into a folder of `captures`.
@@ -199,6 +260,11 @@ impl Recorder {
         dataset::write_trace_csv(&self.path(&entry.file), rows)?;
         self.index.traces.push(entry);
         self.json(INDEX, &self.index)
+    }
+
+    /// Takes a sweep that is not finished out of the index: its entry was written, but not its end in the journal.
+    pub fn forget_sweep(&mut self, file: &str) {
+        self.index.sweeps.retain(|entry| entry.file != file);
     }
 
     /// Enters a sweep whose file is whole into the index.
@@ -230,7 +296,11 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn spectrum_point(&self, name: &str, point: &ImpedancePoint) -> Result<(), RecordError> {
-        Ok(dataset::append_spectrum_csv(&self.path(name), point)?)
+        let path = self.path(name);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
+        }
+        Ok(dataset::append_spectrum_csv(&path, point)?)
     }
 
     /// Writes a structure as JSON, whole or not at all.
@@ -258,8 +328,12 @@ impl Recorder {
 
     /// Remembers something odd for the report.
     pub fn warning(&mut self, text: &str) {
+        if self.warnings.iter().any(|known| known == text) {
+            return;
+        }
         // A folder that cannot be written ends the run at the next record; the warning itself is not worth it.
-        if let Err(error) = self.event(&format!("note: {text}")) {
+        let noted = self.journal(Entry::Note { text: text.to_owned() });
+        if let Err(error) = noted.and_then(|()| self.event(&format!("note: {text}"))) {
             tracing::error!("{error}");
         }
         self.warnings.push(text.to_owned());
@@ -270,6 +344,11 @@ impl Recorder {
         if let Err(error) = self.event(&format!("note: {sweep}, {freq_hz:.4} Hz: {text}")) {
             tracing::error!("{error}");
         }
+        self.known_point_warning(sweep, freq_hz, text);
+    }
+
+    /// As [`Self::point_warning`], for a point whose event was written when it was measured.
+    pub fn known_point_warning(&mut self, sweep: &str, freq_hz: f64, text: &str) {
         match self.point_warnings.iter_mut().find(|(known, _)| known == text) {
             Some((_, points)) => points.push((sweep.to_owned(), freq_hz)),
             None => self.point_warnings.push((text.to_owned(), vec![(sweep.to_owned(), freq_hz)])),

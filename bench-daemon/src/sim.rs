@@ -69,7 +69,14 @@ impl Simulation {
     /// # Errors
     /// The scenario file.
     pub fn new(path: &Path, seed: u64) -> Result<Self, SimError> {
-        let source = Source::read(path)?;
+        Self::of(&Source::read(path)?, seed)
+    }
+
+    /// As [`Simulation::new`], from a scenario that was read.
+    ///
+    /// # Errors
+    /// As [`Simulation::new`].
+    pub fn of(source: &Source, seed: u64) -> Result<Self, SimError> {
         let scenario: Scenario = source.parse()?;
         let world = SimulatedBench::new(&scenario, seed).map_err(|error| source.complain(&error.field, error.to_string()))?;
         Ok(Self { world: Arc::new(Mutex::new(world)) })

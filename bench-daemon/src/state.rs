@@ -254,9 +254,10 @@ impl State {
     pub fn latched(&self) -> Result<Option<Latched>, StateError> {
         let path = self.path(TRIP);
         match fs::read_to_string(&path) {
-            Ok(text) => Ok(Some(serde_json::from_str(&text).unwrap_or_else(|error| {
-                Latched::new("daemon", &format!("{} cannot be understood: {error}", path.display()))
-            }))),
+            Ok(text) => Ok(Some(
+                serde_json::from_str(&text)
+                    .unwrap_or_else(|error| Latched::new("daemon", &format!("{} cannot be understood: {error}", path.display()))),
+            )),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(source) => Err(io(&path, "cannot be read")(source)),
         }
@@ -376,8 +377,7 @@ mod tests {
         state.clear(&first).unwrap();
         state.refuse_latched().unwrap();
         let history = fs::read_to_string(state.path(HISTORY)).unwrap();
-        let whats: Vec<_> =
-            history.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["what"].clone()).collect();
+        let whats: Vec<_> = history.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["what"].clone()).collect();
         assert_eq!(whats, ["latched", "latched", "cleared"]);
         assert!(history.contains(&format!("\"who\":\"{}\"", who())), "{history}");
     }

@@ -70,6 +70,8 @@ pub struct Elapsed(pub Duration);
 pub struct Clock {
     mode: TimeMode,
     start: Instant,
+    /// Bench time at the start, s.
+    origin_s: f64,
     waits: Arc<Mutex<Waits>>,
 }
 
@@ -100,7 +102,12 @@ impl Drop for Wait {
 impl Clock {
     /// Starts a clock at bench time zero. Must be called inside a runtime made by [`Clock::runtime`] for the same mode.
     pub fn start(mode: TimeMode) -> Self {
-        Self { mode, start: instant_now(), waits: Arc::default() }
+        Self::start_at(mode, 0.0)
+    }
+
+    /// Starts a clock that goes on from another one's bench time, s. Otherwise as [`Clock::start`].
+    pub fn start_at(mode: TimeMode, origin_s: f64) -> Self {
+        Self { mode, start: instant_now(), origin_s, waits: Arc::default() }
     }
 
     /// Announces a wait of at most so long on the wall, or without a bound, until what is returned is dropped. Sleeps and deadlines announce
@@ -143,13 +150,14 @@ impl Clock {
         self.mode
     }
 
-    /// Bench time in seconds since the start.
+    /// Bench time, s.
     pub fn now_s(&self) -> f64 {
         let elapsed = self.machine_s();
-        match self.mode {
-            TimeMode::Scaled(factor) => elapsed * factor,
-            TimeMode::Real | TimeMode::Virtual => elapsed,
-        }
+        self.origin_s
+            + match self.mode {
+                TimeMode::Scaled(factor) => elapsed * factor,
+                TimeMode::Real | TimeMode::Virtual => elapsed,
+            }
     }
 
     /// Waits for `duration` of bench time.
@@ -211,6 +219,17 @@ mod tests {
             (first, clock.now_s())
         });
         assert_eq!(times, (36_000.0, 36_000.25));
+    }
+
+    #[test]
+    fn a_clock_goes_on_from_another_ones_time() {
+        let runtime = Clock::runtime(TimeMode::Virtual).unwrap();
+        let now_s = runtime.block_on(async {
+            let clock = Clock::start_at(TimeMode::Virtual, 120.5);
+            clock.sleep_s(2.0).await;
+            clock.now_s()
+        });
+        assert_eq!(now_s, 122.5);
     }
 
     #[test]

@@ -237,6 +237,31 @@ pub async fn play_all(link: &mut Link, script: &[Exchange]) -> Result<(), LinkEr
     outcome
 }
 
+/// What an instrument says of itself.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Answer {
+    /// What was asked.
+    pub question: String,
+    /// What was answered.
+    pub answer: String,
+    /// It is what the script would have made it.
+    pub as_scripted: bool,
+}
+
+/// Asks the questions of a script and sends none of its commands: whether everything already is as the script would make it. Changes nothing.
+///
+/// # Errors
+/// The link's.
+pub async fn look(link: &mut Link, script: &[Exchange]) -> Result<Vec<Answer>, LinkError> {
+    let mut answers = Vec::new();
+    for exchange in script {
+        let Exchange::Set { read_back, expect, .. } = exchange else { continue };
+        let answer = link.query(read_back).await?;
+        answers.push(Answer { question: read_back.clone(), as_scripted: expect.judge(&answer).is_ok(), answer });
+    }
+    Ok(answers)
+}
+
 /// Takes out of the error queue what an earlier client or the power-up left there, which would else be taken for an answer to the first message.
 ///
 /// # Errors

@@ -19,11 +19,13 @@ pub mod pack_simulate;
 pub mod pack_size;
 pub mod plan;
 pub mod profile_args;
+pub mod resume;
 pub mod run;
 pub mod safe;
 pub mod simulate;
 pub mod sop;
 pub mod study;
+pub mod wish;
 
 use crate::{
     bench::BenchError, config::ConfigError, executor::ExecuteError, guardian::GuardianError, plan::PlanError, record::RecordError,
@@ -95,6 +97,7 @@ impl Failure {
             Self::Bench(_) | Self::Sim(SimError::Port { .. }) => 3,
             Self::Execute(ExecuteError::Trip(_) | ExecuteError::CellLeftIn { .. }) => 5,
             Self::Execute(ExecuteError::Record(_)) | Self::Record(_) | Self::Analysis(_) | Self::Panic(_) | Self::System(_) => 1,
+            Self::Execute(ExecuteError::Aborted) => 130,
             Self::Execute(_) => 3,
             Self::FixtureCheck(_) => 4,
             Self::Unsafe { .. } => 6,

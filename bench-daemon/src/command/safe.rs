@@ -49,7 +49,9 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
     let clock_mode = bench.time();
     Clock::runtime(clock_mode)?.block_on(switch_off(&bench, Clock::start(clock_mode), state.as_ref())).inspect_err(|_| {
         if holder.is_some() && !args.kill {
-            remark!("eis-bench: instruments that take one client only answer after the process that runs the bench has ended: --kill ends it");
+            remark!(
+                "eis-bench: instruments that take one client only answer after the process that runs the bench has ended: --kill ends it"
+            );
         }
     })
 }

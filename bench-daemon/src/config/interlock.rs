@@ -34,7 +34,8 @@ impl Section {
         let within = |(field, typed, default, (least, greatest), unit): Field<'_>| {
             let value = typed.unwrap_or(default);
             (least..=greatest).contains(&value).then_some(value).ok_or_else(|| {
-                source.complain(&format!("interlock.{field}"), format!("expected {least} {unit} to {greatest} {unit}, found {value} {unit}"))
+                source
+                    .complain(&format!("interlock.{field}"), format!("expected {least} {unit} to {greatest} {unit}, found {value} {unit}"))
             })
         };
         let share = |typed: Option<Quantity<Share>>| typed.map(|share| 100.0 * share.si);

@@ -1,6 +1,7 @@
 //! Configuration: files as typed (`raw`), read with line numbers (`source`) and units (`quantity`), checked once (`resolve`, `check`). What comes out
 //! of here is complete and within the limits of cell and instruments; nothing is energised before that.
 
+mod campaign;
 mod check;
 mod interlock;
 pub mod quantity;
@@ -19,9 +20,10 @@ use analysis::{
 };
 use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
 
+pub use campaign::{Campaign, CampaignRun};
 pub(crate) use check::LOAD_CUT_OFF_V;
-pub use resolve::{load_any_bench, load_bench, load_experiment};
-pub use source::{ConfigError, Source};
+pub use resolve::{load_any_bench, load_bench, load_experiment, resolve_experiment};
+pub use source::{ConfigError, Copies, Source};
 pub use trace::{Segment, Trace};
 
 /// A complete experiment.
@@ -43,6 +45,8 @@ pub struct Experiment {
     pub soc_reset: Option<SocReset>,
     /// The sweeps, if there are any.
     pub eis: Option<Eis>,
+    /// Several cells, each measured several times, if there are any.
+    pub campaign: Option<Campaign>,
     /// Currents that step, in the order in which each round plays them.
     pub traces: Vec<Trace>,
     /// The fits.

@@ -21,6 +21,7 @@ pub(super) struct Experiment {
     pub(super) fixture_check: Option<FixtureCheck>,
     pub(super) soc_reset: Option<SocReset>,
     pub(super) eis: Option<Eis>,
+    pub(super) campaign: Option<Campaign>,
     #[serde(default)]
     pub(super) traces: Vec<Trace>,
     #[serde(default)]
@@ -109,6 +110,32 @@ pub(super) enum SweptFixture {
     #[default]
     Cell,
     Shunt,
+}
+
+/// Several cells, each measured several times.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Campaign {
+    pub(super) repeats: usize,
+    #[serde(default)]
+    pub(super) order: CampaignOrder,
+    pub(super) cells: Vec<CampaignCell>,
+}
+
+/// Which cell comes next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum CampaignOrder {
+    #[default]
+    CellByCell,
+    RoundRobin,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CampaignCell {
+    pub(super) name: String,
+    pub(super) serial: Option<String>,
 }
 
 /// A current that steps, and how it is recorded.

@@ -17,18 +17,25 @@ use crate::interlock::Limits;
 /// # Errors
 /// The first mistake, with file, line and field.
 pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experiment, ConfigError> {
-    let source = Source::read(path)?;
+    resolve_experiment(Source::read(path)?, other_bench)
+}
+
+/// As [`load_experiment`], from a file that was read, and with it from wherever that was read.
+///
+/// # Errors
+/// As [`load_experiment`].
+pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<Experiment, ConfigError> {
     let raw: raw::Experiment = source.parse()?;
     if raw.name.is_empty() || !raw.name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_')) {
         return Err(source.complain("name", format!("expected a name of letters, digits, `-` and `_`, found {:?}", raw.name)));
     }
     let bench_path = other_bench.map_or_else(|| source.relative(&raw.bench), Path::to_owned);
     let bench_source =
-        Source::read(&bench_path).map_err(|error| if other_bench.is_none() { in_field(&source, "bench", &error) } else { error })?;
+        source.open(&bench_path).map_err(|error| if other_bench.is_none() { in_field(&source, "bench", &error) } else { error })?;
     let bench = resolve_bench(&bench_source)?;
     check_one_world(&bench_source, &bench.instruments)?;
     let scenario_source = bench.simulation.as_ref().map(|section| read_scenario(&bench_source, &section.scenario)).transpose()?;
-    let cell_source = Source::read(&source.relative(&raw.cell)).map_err(|error| in_field(&source, "cell", &error))?;
+    let cell_source = source.open(&source.relative(&raw.cell)).map_err(|error| in_field(&source, "cell", &error))?;
     let cell = resolve_cell(&cell_source)?;
     let check = Check { source: &source, bench_source: &bench_source, bench: &bench, cell: &cell };
     let temperature = raw.temperature.as_ref().map(|section| check.temperature(section)).transpose()?;
@@ -40,6 +47,7 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
         return Err(source.complain("fixture_check", reason));
     }
     let (traces, trace_sources) = check.traces(&raw.traces)?;
+    let campaign = raw.campaign.as_ref().map(|section| check.campaign(section, eis.as_ref())).transpose()?;
     if eis.as_ref().is_none_or(|eis| eis.repeat == 0) && traces.is_empty() {
         return Err(source.complain("(whole file)", "expected a section [eis] with a repeat above 0, or a section [[traces]]"));
     }
@@ -53,6 +61,7 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
         fixture_check,
         soc_reset,
         eis,
+        campaign,
         traces,
         fit,
         sources: [source, bench_source, cell_source].into_iter().chain(scenario_source).chain(trace_sources).collect(),
@@ -61,7 +70,7 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
 
 /// The scenario of a simulated bench, checked.
 fn read_scenario(bench: &Source, path: &Path) -> Result<Source, ConfigError> {
-    let source = Source::read(path).map_err(|error| in_field(bench, "simulation.scenario", &error))?;
+    let source = bench.open(path).map_err(|error| in_field(bench, "simulation.scenario", &error))?;
     let scenario: Scenario = source.parse()?;
     scenario.validate().map_err(|error| source.complain(&error.field, error.to_string()))?;
     Ok(source)

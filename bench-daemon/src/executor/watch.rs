@@ -47,7 +47,7 @@ impl Executor<'_> {
                 live(limits, (METER_GAIN * least_c - drift_c, METER_GAIN * greatest_c + drift_c))
             }
             Step::HoldTemperature { .. } => Allowance { tempering: true, ..idle },
-            Step::Mount(_) | Step::Pause { .. } | Step::Zero(_) | Step::Rest { .. } => idle,
+            Step::Specimen(..) | Step::Mount(_) | Step::Pause { .. } | Step::Zero(_) | Step::Rest { .. } => idle,
         }
     }
 

@@ -69,7 +69,7 @@ fn mistakes_are_named_with_file_line_and_field() {
             bench,
             "\"siglent-sdl1000x\"",
             "\"siglent-sdl9\"",
-            "instruments.load.model: expected one of siglent-sdl1000x, found \"siglent-sdl9\"",
+            "instruments.load.model: expected one of siglent-sdl1000x, rigol-dl3000, found \"siglent-sdl9\"",
         ),
         (bench, "\"memory:scope\"", "\"tcp:/scope\"", "instruments.scope.address: "),
         (bench, "\"9.96 mΩ\"", "\"9.96 mV\"", "wiring.shunt.resistance: expected a resistance with its unit"),

@@ -151,7 +151,7 @@ fn a_trip_latches_until_a_person_clears_it() {
     refused.expect_code(7);
     let cause = tripped.message();
     assert!(refused.message().starts_with(&format!("demo is latched: {cause} in step \"point  1")), "{}", refused.message());
-    assert!(refused.message().contains("`eis-bench clear ") && refused.message().ends_with("benches/demo.toml`"), "{}", refused.message());
+    assert!(refused.message().contains("`eis-bench clear ") && refused.message().ends_with("/benches/demo.toml`"), "{}", refused.message());
     assert!(!files.path("again").exists());
 
     let shown = on_bench(&files, &["clear"]);
@@ -182,7 +182,11 @@ fn a_state_folder_that_cannot_be_written_is_refused_before_anything_is_touched()
     let ports = Ports::serve(&files, FACTOR, 1);
     let ended = files.run("run");
     ended.expect_code(2);
-    assert!(ended.message().starts_with("/proc/eis-bench: the state of the bench has no folder, and none can be made: "), "{}", ended.message());
+    assert!(
+        ended.message().starts_with("/proc/eis-bench: the state of the bench has no folder, and none can be made: "),
+        "{}",
+        ended.message()
+    );
     assert!(!files.path("run").exists());
     ports.assert_outputs_off();
 }

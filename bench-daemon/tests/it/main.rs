@@ -19,6 +19,7 @@ mod mock_process;
 mod ocv_joint;
 mod ranging;
 mod real_data;
+mod resume;
 mod safety;
 mod simulate;
 mod study;

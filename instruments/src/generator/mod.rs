@@ -4,7 +4,7 @@ mod keysight_33500b;
 mod siglent_sdg;
 
 use crate::{
-    exchange::{Exchange, forget_errors, play, play_all},
+    exchange::{Answer, Exchange, forget_errors, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Hertz, Volts},
@@ -97,6 +97,15 @@ impl Instrument<dyn Dialect> {
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         let script = self.dialect.output(self.output_channel(), false);
         play_all(&mut self.link, &script).await
+    }
+
+    /// Asks whether the output is off, and changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
+        let script = self.dialect.output(self.output_channel(), false);
+        look(&mut self.link, &script).await
     }
 
     /// The first of the channels in use; 1 where none was named.

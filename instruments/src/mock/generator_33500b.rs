@@ -318,7 +318,11 @@ macro_rules! output {
         );
             Leaf! {b"LOAD" => &both(
                 |device: &mut Keysight, arguments| device.set_load($index, arguments),
-                |device, _| number(if device.channels[$index].load_ohm.is_finite() { device.channels[$index].load_ohm } else { 9.9e37 }),
+                |device, _| match device.channels[$index].load_ohm {
+                    // Infinity as the standard writes it.
+                    f64::INFINITY => text("+9.900000000000000E+37"),
+                    ohms => number(ohms),
+                },
             )},
             Leaf! {b"POLarity" => &both(
                 |device: &mut Keysight, arguments| device.set_polarity($index, arguments),

@@ -18,6 +18,7 @@ mod jig;
 mod julabo;
 mod kepco;
 mod number;
+mod replay;
 mod scanner;
 mod scope;
 mod sdg;
@@ -29,6 +30,7 @@ mod world;
 
 pub use faults::{Fault, FaultLog, Happened, Schedule, Trouble, make_troubled};
 use plant::SharedPlant;
+pub use replay::{Divergence, Outcome, Replay};
 pub use serve::{serve, serve_memory, serve_pty, serve_tcp};
 
 use crate::scpi::decode::Terminator;
@@ -42,14 +44,15 @@ pub trait Device: Send {
     /// Times never decrease from one call to the next.
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8>;
 
-    /// How late the answer to a message of `now_s` is, s.
-    fn late_s(&self, _now_s: f64) -> f64 {
-        0.0
-    }
-
     /// What goes wrong on the wire with the message that is about to be handled; nothing with a sound instrument.
     fn trouble(&mut self, _now_s: f64, _message: &[u8]) -> Option<Trouble> {
         None
+    }
+
+    /// How late the answer to a message of `now_s` is, s.
+    fn late_s(&self, now_s: f64) -> f64 {
+        let _ = now_s;
+        0.0
     }
 }
 
@@ -269,11 +272,11 @@ impl Device for Echo {
         [message, b"\r\n", &self.0.handle(now_s, message)].concat()
     }
 
-    fn late_s(&self, now_s: f64) -> f64 {
-        self.0.late_s(now_s)
-    }
-
     fn trouble(&mut self, now_s: f64, message: &[u8]) -> Option<Trouble> {
         self.0.trouble(now_s, message)
+    }
+
+    fn late_s(&self, now_s: f64) -> f64 {
+        self.0.late_s(now_s)
     }
 }

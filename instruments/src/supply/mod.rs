@@ -5,7 +5,7 @@ mod rigol_dp832;
 mod siglent_spd;
 
 use crate::{
-    exchange::{Exchange, forget_errors, play, play_all},
+    exchange::{Answer, Exchange, forget_errors, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Volts},
@@ -77,6 +77,14 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         play_all(&mut self.link, &self.dialect.output(false)).await
+    }
+
+    /// Asks whether the output is off, and changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
+        look(&mut self.link, &self.dialect.output(false)).await
     }
 
     /// Voltage at the terminals and current delivered.

@@ -18,3 +18,4 @@ mod mocks_ports;
 mod mocks_random;
 mod mocks_scope;
 mod ports;
+mod replay;
