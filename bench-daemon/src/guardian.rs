@@ -140,7 +140,8 @@ impl<'a> Watch<'a> {
             unix_s: clock::unix_time_s(),
         };
         state.json(REPORT, &report)?;
-        tracing::info!("watching process {} on {}", report.daemon, charge.bench.name);
+        let (run, unix_s) = (&report.run, report.unix_s);
+        tracing::info!("process {}, at {unix_s:.0} s since 1970: watching process {} on {} for {run}", report.pid, report.daemon, charge.bench.name);
         Ok(Self { charge, clock: clock.clone(), state, connections, report, cell: false, words: words(), _place: place })
     }
 
@@ -240,7 +241,8 @@ impl<'a> Watch<'a> {
             let trip = Trip::Limit { what, value, unit: "V", least, greatest, time_s: self.clock.now_s() };
             self.latch(Latched::of_trip("guardian", &trip));
         }
-        self.tell("verified")
+        self.tell("verified")?;
+        Ok(self.state.remember(&serde_json::json!({ "what": "switched off by the guardian", "report": self.report }))?)
     }
 
     fn cause(&self) -> &'static str {

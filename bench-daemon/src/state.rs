@@ -297,7 +297,11 @@ impl State {
         write_atomically(&path, text.as_bytes()).map_err(|error| io(&path, "cannot be written")(std::io::Error::other(error)))
     }
 
-    fn remember(&self, entry: &serde_json::Value) -> Result<(), StateError> {
+    /// Adds a line to the history.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn remember(&self, entry: &serde_json::Value) -> Result<(), StateError> {
         let path = self.path(HISTORY);
         let mut file = OpenOptions::new().create(true).append(true).open(&path).map_err(io(&path, "cannot be written"))?;
         writeln!(file, "{entry}").and_then(|()| file.sync_all()).map_err(io(&path, "cannot be written"))

@@ -257,7 +257,10 @@ impl Run<'_> {
             self.recorder.warning("nothing watches the cell's temperature: the bench has no logger");
         }
         let progress = Progress::new(self.plan.plan());
-        let mut custody = Custody::take(self.experiment, self.recorder.folder(), (&self.clock, progress.doing())).await?;
+        let mut custody = tokio::select! {
+            taken = Custody::take(self.experiment, self.recorder.folder(), (&self.clock, progress.doing())) => taken?,
+            () = stop.requested() => return Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+        };
         let (mut bench, identities) = match self.open(&connections).await {
             Ok(opened) => opened,
             Err(failure) => return custody.end(Err(failure)).await,

@@ -19,7 +19,7 @@ use super::{ALIVE, Charge, DOING, GOODBYE, READY, REFUSED, TAKE_OVER};
 use crate::{
     bench::BenchError,
     plan::fixture_name,
-    progress::Doing,
+    progress::{Doing, Now},
     state::{State, StateError},
     terminal::remark,
 };
@@ -205,6 +205,20 @@ struct Renewal {
 }
 
 impl Renewal {
+    /// What is to be said now; nothing while the executor hangs.
+    fn word(&self, known: &mut Option<Now>) -> Option<String> {
+        if self.clock.overdue_s() > self.stall_s {
+            return None;
+        }
+        let now = self.doing.now();
+        if known.as_ref() == Some(&now) {
+            return Some(ALIVE.to_owned());
+        }
+        let word = format!("{DOING}{} {}", now.fixture.map_or("unknown", fixture_name), now.step.replace('\n', " "));
+        *known = Some(now);
+        Some(word)
+    }
+
     /// Says that the daemon is alive, as long as it is more than that: an executor that hangs is as good as dead.
     fn keep(self, mut stdin: ChildStdin, goodbye: &mpsc::Receiver<&'static str>) {
         let (mut sent, mut known) = (0, None);
@@ -218,16 +232,7 @@ impl Renewal {
                 Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => {}
             }
-            if self.clock.overdue_s() > self.stall_s {
-                continue;
-            }
-            let now = self.doing.now();
-            let word = if known.as_ref() == Some(&now) {
-                ALIVE.to_owned()
-            } else {
-                format!("{DOING}{} {}", now.fixture.map_or("unknown", fixture_name), now.step.replace('\n', " "))
-            };
-            known = Some(now);
+            let Some(word) = self.word(&mut known) else { continue };
             if writeln!(stdin, "{word}").is_err() {
                 return;
             }
@@ -236,5 +241,47 @@ impl Renewal {
                 let _ = self.tell.send(Heard::Silent);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use instruments::{clock::TimeMode, mock::plant::Fixture};
+
+    use super::*;
+    use crate::{
+        plan::{Plan, Step},
+        progress::Progress,
+    };
+
+    #[test]
+    fn the_lease_is_renewed_while_the_executor_waits_and_not_while_it_hangs() {
+        Clock::runtime(TimeMode::Virtual).unwrap().block_on(async {
+            let (clock, other) = (Clock::start(TimeMode::Virtual), Clock::start(TimeMode::Virtual));
+            let progress = Progress::new(&Plan { stages: Vec::new() });
+            let (tell, _heard) = unbounded_channel();
+            let doing = progress.doing().clone();
+            let renewal = Renewal { clock: clock.clone(), doing, stall_s: 20.0, answers: Arc::default(), tell };
+            let mut known = None;
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing unknown "));
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+            let mount = Step::Mount(Fixture::Cell);
+            progress.begin("sweep", &mount);
+            progress.end(&mount);
+            progress.begin("sweep", &Step::PowerDown);
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing cell bipolar supply down"));
+            // A wait within its bound, however long.
+            let wait = clock.wait(Some(Duration::from_secs(3600)));
+            other.sleep_s(3000.0).await;
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+            // Computing, for a while and for too long.
+            drop(wait);
+            other.sleep_s(19.0).await;
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+            other.sleep_s(2.0).await;
+            assert_eq!(renewal.word(&mut known), None);
+            clock.sleep_s(0.1).await;
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+        });
     }
 }

@@ -36,8 +36,8 @@ struct Case {
     files: fn() -> Files,
     /// What breaks: the table `[faults]` and whatever else is true of the bench.
     faults: &'static str,
-    /// Lines of `[interlock]` in both runs.
-    common: &'static str,
+    /// Changes of `[interlock]` in both runs.
+    common: &'static [(&'static str, &'static str)],
     /// Changes that leave the interlock as it is, and those that take it away: the file, what is replaced, what by.
     with: &'static [(&'static str, &'static str, &'static str)],
     without: &'static [(&'static str, &'static str, &'static str)],
@@ -47,7 +47,8 @@ struct Case {
 
 impl Case {
     fn run(&self, changes: &[(&str, &str, &str)]) -> (String, Witness) {
-        let files = (self.files)().append(SCENARIO, self.faults).append(CELL, &format!("[interlock]\n{}", self.common));
+        let files = (self.files)().append(SCENARIO, self.faults);
+        let files = self.common.iter().fold(files, |files, (from, to)| files.edit(CELL, from, to));
         lived(&changes.iter().fold(files, |files, (file, from, to)| files.edit(file, from, to)))
     }
 
@@ -62,14 +63,13 @@ impl Case {
 
 const NEARLY_FULL: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.95");
 const WEAK: (&str, &str, &str) = (SCENARIO, "[cell]", "[cell]\ngreatest_charge_a = 5.0");
-const INTERLOCK: &str = "[interlock]\n";
 
 #[test]
 fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_charges() {
     let case = Case {
         files: || sweep(20),
         faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.6 }",
-        common: "charge_drift_max = \"1000 %\"",
+        common: &[("charge_drift_max = \"2 %\"", "charge_drift_max = \"1000 %\"")],
         with: &[NEARLY_FULL, (CELL, "voltage_max = \"4.2 V\"", "voltage_max = \"4.15 V\"")],
         without: &[NEARLY_FULL, (CELL, "voltage_max = \"4.2 V\"", "voltage_max = \"4.9 V\"")],
         trip: "cell voltage 4.15",
@@ -83,9 +83,9 @@ fn only_the_charge_balance_saves_a_cell_whose_voltmeter_has_stopped() {
     let case = Case {
         files: || sweep(20),
         faults: "[faults]\nvoltmeter_freezes_s = 55.0\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.6 }",
-        common: "frozen_charge = \"1000 %\"",
+        common: &[("frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\"")],
         with: &[NEARLY_FULL],
-        without: &[NEARLY_FULL, (CELL, INTERLOCK, "[interlock]\ncharge_drift_max = \"1000 %\"\n")],
+        without: &[NEARLY_FULL, (CELL, "charge_drift_max = \"2 %\"", "charge_drift_max = \"1000 %\"")],
         trip: "net charge of the step 3",
         harm: AbuseKind::OverVoltage,
     };
@@ -97,9 +97,9 @@ fn only_the_look_at_frozen_values_saves_a_cell_that_is_discharged_by_a_blind_loa
     let case = Case {
         files: reset,
         faults: "[faults]\nvoltmeter_freezes_s = 60.0",
-        common: "",
+        common: &[],
         with: &[],
-        without: &[(CELL, INTERLOCK, "[interlock]\nfrozen_charge = \"1000 %\"\n")],
+        without: &[(CELL, "frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\"")],
         trip: "charge while the cell voltage stood still 32",
         harm: AbuseKind::UnderVoltage,
     };
@@ -111,7 +111,7 @@ fn only_the_current_limit_saves_a_cell_from_a_supply_that_runs_away() {
     let case = Case {
         files: || sweep(2),
         faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 12.0 }",
-        common: "",
+        common: &[],
         with: &[WEAK],
         // Nobody sees the current.
         without: &[WEAK, (SCENARIO, "[faults]", "[faults]\nammeter_freezes_s = 55.0")],
@@ -126,7 +126,7 @@ fn only_the_temperature_limit_saves_a_cell_that_grows_warm_slowly() {
     let case = Case {
         files: || sweep(6),
         faults: "[thermal]\nblock_k_per_w = 50.0\n[faults]\nheater = { from_s = 60.0, watts = 5.0 }",
-        common: "",
+        common: &[],
         with: &[(CELL, "temperature_max = \"60 °C\"", "temperature_max = \"45 °C\"")],
         without: &[(CELL, "temperature_max = \"60 °C\"", "temperature_max = \"200 °C\"")],
         trip: "cell temperature 45.",
@@ -140,9 +140,9 @@ fn only_the_rate_of_the_temperature_saves_a_cell_whose_thermometer_has_come_off(
     let case = Case {
         files: || sweep(6),
         faults: "[thermal]\nblock_k_per_w = 50.0\n[faults]\nheater = { from_s = 60.0, watts = 10.0 }\nthermometer_ceiling_c = 45.0",
-        common: "",
+        common: &[],
         with: &[],
-        without: &[(CELL, INTERLOCK, "[interlock]\ntemperature_rate_max = \"600 K/min\"\n")],
+        without: &[(CELL, "\"5 K/min\"", "\"600 K/min\"")],
         trip: "rate of the cell temperature ",
         harm: AbuseKind::OverTemperature,
     };
@@ -154,8 +154,8 @@ fn only_the_age_of_the_readings_saves_a_cell_whose_instruments_become_slow() {
     let case = Case {
         files: || sweep(2),
         faults: "[faults]\nslow_answers = { from_s = 60.0, late_s = 1.9 }\nbipolar_drifts = { from_s = 100.0, a_per_s = 1.0, greatest_a = 12.0 }",
-        common: "",
-        with: &[WEAK, (CELL, INTERLOCK, "[interlock]\nreading_age_max = \"3 s\"\n")],
+        common: &[],
+        with: &[WEAK, (CELL, "\"15 s\"", "\"3 s\"")],
         without: &[WEAK],
         trip: "time without a reading ",
         harm: AbuseKind::OverCharge,
@@ -169,14 +169,15 @@ fn only_the_chillers_own_word_saves_a_cell_that_is_no_longer_cooled() {
         Files::demo()
             .without(EXPERIMENT, "fixture_check")
             .edit(EXPERIMENT, "discharge_current = \"5 A\"", "discharge_current = \"10 A\"")
+            .edit(EXPERIMENT, "discharge_until = \"3.52 V\"", "discharge_until = \"3.00 V\"")
             .edit(EXPERIMENT, "start = \"0.1 Hz\"", "start = \"100 Hz\"")
             .edit(EXPERIMENT, "points = 20", "points = 2")
             .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
     };
     let case = Case {
         files: tempered,
-        faults: "[faults]\nthermometer_ceiling_c = 29.0\nchiller_stops = { from_s = 1000.0, block_k_per_w = 50.0 }",
-        common: "frozen_charge = \"1000 %\"",
+        faults: "[faults]\nthermometer_ceiling_c = 29.0\nchiller_stops = { from_s = 700.0, block_k_per_w = 50.0 }",
+        common: &[("frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\"")],
         with: &[(SCENARIO, "[cell]", "[cell]\ngreatest_c = 30.0")],
         without: &[(SCENARIO, "[cell]", "[cell]\ngreatest_c = 30.0"), (SCENARIO, "50.0 }", "50.0, silent = true }")],
         trip: "chiller: expected it to run without an alarm, found `-01 LOW LEVEL ALARM`",

@@ -14,6 +14,8 @@ use crate::scpi::decode::Terminator;
 /// Least and greatest set-point, hundredths of a degree.
 const SETPOINTS: (i16, i16) = (-4000, 15_000);
 const NOT_AVAILABLE: u16 = 0x7fff;
+/// Status bit of an error.
+const ERROR: u16 = 1 << 8;
 
 /// The circulator.
 pub(super) struct Huber {
@@ -36,6 +38,11 @@ impl Huber {
         self.world.act(Action::Chiller(ChillerState { running: self.controlling, setpoint_c }));
     }
 
+    /// The pump stands still.
+    fn stopped(&self) -> bool {
+        self.world.plant().chiller_alarm(self.world.now_s)
+    }
+
     fn write(&mut self, address: u8, value: u16) {
         match address {
             0x00 => self.setpoint = value.cast_signed().clamp(SETPOINTS.0, SETPOINTS.1),
@@ -52,7 +59,9 @@ impl Huber {
             0x01 => hundredths(self.world.read(Meter::BathCelsius)),
             // No process sensor.
             0x07 => (-15_100_i16).cast_unsigned(),
-            0x05 | 0x06 => 0,
+            0x05 => u16::from(self.stopped()),
+            0x06 => 0,
+            0x0a if self.stopped() => ERROR | u16::from(!self.restarted) << 14,
             0x0a => u16::from(self.controlling) | u16::from(self.controlling) << 1 | u16::from(!self.restarted) << 14,
             0x14 | 0x16 => u16::from(self.controlling),
             0x30 => SETPOINTS.0.cast_unsigned(),

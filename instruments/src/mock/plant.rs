@@ -42,14 +42,12 @@ pub trait Plant: Send {
     }
 
     /// The chiller has no flow any more.
-    fn chiller_alarm(&mut self, t_s: f64) -> bool {
-        let _ = t_s;
+    fn chiller_alarm(&mut self, _t_s: f64) -> bool {
         false
     }
 
     /// How late every answer of every instrument is at `t_s`, s.
-    fn late_s(&self, t_s: f64) -> f64 {
-        let _ = t_s;
+    fn late_s(&self, _t_s: f64) -> f64 {
         0.0
     }
 }
