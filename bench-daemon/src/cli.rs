@@ -21,6 +21,8 @@ Examples:
     eis-bench plan configs/experiments/thesis.toml
   Who answers at the configured addresses; changes nothing:
     eis-bench identify configs/benches/thesis.toml
+  Switch a bench off, now, whoever runs it:
+    eis-bench safe configs/benches/thesis.toml
   The simulated instruments on real ports, until Ctrl-C:
     eis-bench mock configs/benches/demo.toml --json
   Fit the extended Randles model to spectra from anywhere:
@@ -51,6 +53,9 @@ Exit codes:
   4  the fixture check failed: the bench is not to be believed
   5  the interlock tripped, or a cell was found in the jig where a control belongs
   6  safe state could not be verified: LOOK AT THE BENCH
+  7  the bench is latched after a trip: look at it, then `eis-bench clear BENCH`
+  8  another process runs the bench, or the guardian of an earlier run is still at work on it
+  9  the guardian cannot be started or was lost; the bench was brought into safe state
   130  stopped by Ctrl-C, Ctrl-Z, SIGTERM or the end of the terminal; the bench was brought into safe state";
 
 /// Runs a battery test bench and turns what it measures into a model that a robot can trust.
@@ -84,6 +89,13 @@ enum Command {
     Mock(MockArgs),
     /// Ask every instrument of a bench who it is. Changes nothing on any of them.
     Identify(IdentifyArgs),
+    /// Switch a bench off, whoever runs it, and print what was read back.
+    Safe(command::safe::SafeArgs),
+    /// Show why a bench is latched, and let it run again after a person has looked.
+    Clear(command::clear::ClearArgs),
+    /// Watch over the process that started it; a run does that by itself.
+    #[command(hide = true)]
+    Guardian(command::guardian::GuardianArgs),
     /// Fit the extended Randles model, or any equivalent circuit, to spectra.
     Fit(FitArgs),
     /// Size a pack of cells, or run a profile through packs of cells that differ.
@@ -229,6 +241,9 @@ pub fn main() -> ExitCode {
         Command::Plan(args) => command::plan::plan(&args),
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),
+        Command::Safe(args) => command::safe::safe(&args),
+        Command::Clear(args) => command::clear::clear(&args),
+        Command::Guardian(args) => command::guardian::guardian(&args),
         Command::Fit(args) => command::fit::fit(&args),
         Command::Pack(args) => command::pack::pack(&args),
         Command::Kk(args) => command::kk::kk(&args),
@@ -265,6 +280,8 @@ mod tests {
             "plan",
             "mock",
             "identify",
+            "safe",
+            "clear",
             "fit",
             "kk",
             "ocv",

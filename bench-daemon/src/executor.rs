@@ -8,6 +8,7 @@ mod error;
 mod heed;
 mod sine;
 mod trace;
+mod watch;
 
 use std::sync::Arc;
 
@@ -28,7 +29,7 @@ pub use sine::SweepPoint;
 use crate::{
     bench::{Bench, BenchError},
     config::{self, Experiment},
-    interlock::{self, Limits, NO_CURRENT_A, Reading},
+    interlock::{Interlock, NO_CURRENT_A, Reading},
     journal::Entry,
     operator::Operator,
     plan::{Purpose, Specimen, Stage, Step, fixture_name},
@@ -42,10 +43,6 @@ const POLL_S: f64 = 1.0;
 const IDLE_CURRENT_A: f64 = 0.2;
 /// With every output off a control shows less than this, V: thermal voltages, and the zero error of a meter. Any cell shows more.
 const CONTROL_IDLE_V: f64 = 0.2;
-/// The gain error of a meter, as part of a step's envelope.
-const METER_GAIN: f64 = 1.1;
-/// A temperature is read with every so many readings.
-const TEMPERATURE_EVERY: u32 = 10;
 
 /// Executes stages on a bench.
 pub struct Executor<'a> {
@@ -72,7 +69,7 @@ pub struct Executor<'a> {
     /// Level of the trigger; follows the signal.
     trigger_v: Volts,
     /// What the step in work may expose the cell to.
-    envelope: Limits,
+    interlock: Interlock,
     polls: u32,
     /// What was clamped into the jig last, and which of the cells it was, where there are several.
     mounted: Option<(Fixture, Option<Arc<Specimen>>)>,
@@ -90,6 +87,8 @@ pub struct Executor<'a> {
     last_c: Option<f64>,
     /// The logger scans nothing before it was told what.
     logger_ready: bool,
+    /// The chiller was started here, and is to go on running.
+    chiller_runs: bool,
 }
 
 /// The event from which on current may flow.
@@ -115,7 +114,7 @@ impl<'a> Executor<'a> {
             verticals: [None; 4],
             applied: [None; 4],
             trigger_v: Volts(0.0),
-            envelope: experiment.cell.limits,
+            interlock: Interlock::new(experiment.cell.interlock, experiment.cell.limits, experiment.bench.instruments.logger.is_some()),
             polls: 0,
             mounted: None,
             specimen: None,
@@ -125,6 +124,7 @@ impl<'a> Executor<'a> {
             charge_c: 0.0,
             last_c: None,
             logger_ready: false,
+            chiller_runs: false,
         }
     }
 
@@ -157,7 +157,7 @@ impl<'a> Executor<'a> {
             self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string() })?;
             self.recorder.event(&step.to_string())?;
             self.progress.begin(&stage.purpose.to_string(), step);
-            self.set_envelope(fixture, step);
+            self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
             if let Step::Mount(other) = *step {
                 fixture = other;
             }
@@ -196,29 +196,6 @@ impl<'a> Executor<'a> {
         Ok(None)
     }
 
-    /// What may flow during a step is far less than what the cell could bear.
-    fn set_envelope(&mut self, fixture: Fixture, step: &Step) {
-        let mut cell = self.experiment.cell.limits;
-        if fixture != Fixture::Cell {
-            cell = cell.of_control();
-        }
-        let drawn = |amps: f64| METER_GAIN * amps + NO_CURRENT_A;
-        self.envelope = match *step {
-            Step::Discharge { current_a, .. } => cell.bounded(NO_CURRENT_A, drawn(current_a)),
-            Step::Charge { current_a, .. } => cell.bounded(drawn(current_a), NO_CURRENT_A),
-            Step::PowerUp { limit_a, .. } => cell.bounded(limit_a, limit_a),
-            // Between power-up and power-down the limit of the power-up holds.
-            Step::Sine { .. } | Step::PowerDown => self.envelope,
-            Step::Trace(ref trace) => {
-                let (least_a, greatest_a) = trace.extremes_a();
-                self.envelope.bounded(drawn(greatest_a), drawn(-least_a))
-            }
-            Step::Specimen(..) | Step::Mount(_) | Step::Pause { .. } | Step::Zero(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => {
-                cell.bounded(NO_CURRENT_A, NO_CURRENT_A)
-            }
-        };
-    }
-
     /// Takes another cell into use. Where a person does it, they are asked when it is to be clamped.
     async fn insert(&mut self, specimen: &Arc<Specimen>) -> Result<(), ExecuteError> {
         self.bench.safe_state().await.map_err(first)?;
@@ -253,7 +230,10 @@ impl<'a> Executor<'a> {
             }
             // Whoever put it there need not be asked again.
             (Some(config::Jig::Person), _) if self.mounted == Some((fixture, self.specimen.clone())) => {}
-            (Some(config::Jig::Person), _) => self.operator.mount(fixture, self.specimen.as_deref()).await?,
+            (Some(config::Jig::Person), _) => {
+                let _person = self.clock.wait(None);
+                self.operator.mount(fixture, self.specimen.as_deref()).await?;
+            }
             // Without a jig only the cell is ever asked for: it is what is in there.
             _ => {}
         }
@@ -289,8 +269,9 @@ impl<'a> Executor<'a> {
         }
         let scope_error = self.bench.error("scope");
         if let Some(eis) = &self.experiment.eis {
-            let memory_points = eis.memory_points;
             let scope = require(&mut self.bench.scope, "scope")?;
+            // What cannot be thinned out before it is sent is not taken in the first place.
+            let memory_points = if scope.capabilities().thins_out { eis.memory_points } else { eis.record_points };
             scope.set(&instruments::scope::Intent::Session { memory_points }).await.map_err(scope_error)?;
             self.memory_points = Some(memory_points);
         }
@@ -326,71 +307,6 @@ impl<'a> Executor<'a> {
         let error = self.bench.error("generator");
         require(&mut self.bench.generator, "generator")?.safe().await.map_err(error)?;
         Ok(())
-    }
-
-    /// Waits, reading and judging the bipolar supply all the while.
-    async fn wait_watching(&mut self, seconds: f64, fixture: Fixture) -> Result<(), ExecuteError> {
-        let end_s = self.clock.now_s() + seconds;
-        loop {
-            let left_s = end_s - self.clock.now_s();
-            if left_s <= 0.0 {
-                return Ok(());
-            }
-            self.clock.sleep_s(left_s.min(POLL_S)).await;
-            self.watch("sine", fixture).await?;
-        }
-    }
-
-    /// One reading of the bipolar supply, judged.
-    async fn watch(&mut self, phase: &str, fixture: Fixture) -> Result<Reading, ExecuteError> {
-        let reading = self.read_supply4q().await?;
-        self.recorder.reading(phase, &reading)?;
-        // The thermocouple is on the cell, which lies outside the jig while a control is in it, before anything has brought it to a temperature.
-        let temperature_c = reading.temperature_c.filter(|_| fixture == Fixture::Cell);
-        match interlock::judge(&self.envelope, &Reading { temperature_c, ..reading }) {
-            Some(trip) if fixture != Fixture::Cell => Err(trip.of_control().into()),
-            Some(trip) => Err(trip.into()),
-            None => Ok(reading),
-        }
-    }
-
-    async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
-        let error = self.bench.error("supply4q");
-        let (mut volts, amps) = require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?;
-        // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at the jig.
-        let error = self.bench.error("load");
-        if let Some(load) = self.bench.load.as_mut() {
-            volts = load.measure().await.map_err(error)?.0;
-        }
-        let temperature_c = self.temperature_now_and_then().await?;
-        Ok(Reading { time_s: self.clock.now_s(), voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
-    }
-
-    /// The cell's temperature with every tenth reading.
-    async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
-        self.polls = self.polls.wrapping_add(1);
-        if self.polls.is_multiple_of(TEMPERATURE_EVERY) { self.cell_temperature().await } else { Ok(None) }
-    }
-
-    /// The cell's temperature; nothing on a bench without a logger. An open thermocouple is a reading that is no number, and trips.
-    async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
-        let error = self.bench.error("logger");
-        let Some(logger) = self.bench.logger.as_mut() else { return Ok(None) };
-        if !self.logger_ready {
-            logger.configure().await.map_err(&error)?;
-            self.logger_ready = true;
-        }
-        let readings = logger.scan().await.map_err(error)?;
-        self.last_c = Some(readings.first().copied().flatten().map_or(f64::NAN, |celsius| celsius.value()));
-        Ok(self.last_c)
-    }
-
-    fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
-        self.recorder.reading(phase, &reading)?;
-        match interlock::judge(&self.envelope, &reading) {
-            Some(trip) => Err(trip.into()),
-            None => Ok(()),
-        }
     }
 }
 

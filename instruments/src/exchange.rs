@@ -24,6 +24,13 @@ pub enum Exchange {
         /// What the answer must be.
         expect: Expect,
     },
+    /// A command that the instrument answers by itself, as protocols with a confirmation do.
+    Ask {
+        /// The command.
+        message: String,
+        /// What the answer must be.
+        expect: Expect,
+    },
     /// Not sent: what was wanted cannot be written as a message, such as a number that is none. Playing it is an error.
     Refuse {
         /// The header of what was wanted.
@@ -184,6 +191,10 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
                 }
                 let outcome = link.set(message, read_back, |answer| expect.judge(answer)).await;
                 believe(link, read_back, expect, outcome).await?;
+            }
+            Exchange::Ask { message, expect } => {
+                let answer = link.query(message).await?;
+                expect.judge(&answer).map_err(|expected| LinkError::unexpected(link.name(), message, &answer, &expected))?;
             }
             Exchange::Refuse { message, reason } => {
                 return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason: reason.clone() });

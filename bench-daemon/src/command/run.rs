@@ -21,7 +21,7 @@ use drive::Before;
 use instruments::{
     clock::{Clock, TimeMode},
     mock::plant::Fixture,
-    transport::{Address, MemoryHub},
+    transport::MemoryHub,
 };
 pub(crate) use past::Past;
 use tokio::{
@@ -35,6 +35,7 @@ use crate::{
     cli::RunArgs,
     command::Failure,
     config::{self, Experiment, load_experiment},
+    custody::{self, Custody},
     drill::Drill,
     executor::SweepPoint,
     fixture_check::ControlResult,
@@ -131,6 +132,11 @@ impl Session {
         Ok(session)
     }
 
+    /// The simulated world behind the mocks, where there is one in this process and something was run on it, however it ended.
+    pub fn simulation(&self) -> Option<&Simulation> {
+        self.simulation.as_ref()
+    }
+
     /// Runs an experiment into a folder. One without controls of its own takes over the correction of the run before.
     ///
     /// # Errors
@@ -152,8 +158,13 @@ impl Session {
         let operator = Operator::detect();
         refuse_without_person(experiment, operator)?;
         let Some(runtime) = &self.runtime else { return Err(Failure::Panic("the bench's session has ended".to_owned())) };
+        let inherited_world = self.simulation.is_some();
+        if !inherited_world {
+            self.simulation = simulated(experiment)?;
+        }
         let (clock, simulation) = (self.clock.clone(), self.simulation.clone());
         let inherited = self.correction.clone().filter(|_| experiment.fixture_check.is_none());
+        custody::refuse(&experiment.bench)?;
         let drill = Drill::from_environment(experiment.bench.simulation.is_some()).map_err(Failure::Usage)?;
         let finished = runtime.block_on(async {
             let mut recorder = match &past {
@@ -162,9 +173,9 @@ impl Session {
             };
             recorder.drill(&drill);
             logging::log_to(&recorder.path("log.txt"), &clock)?;
-            Box::pin(Run { experiment, plan: &plan, clock, operator, recorder, before: (simulation, inherited), past }.go()).await
+            let before = (simulation, inherited);
+            Box::pin(Run { experiment, plan: &plan, clock, operator, recorder, before, inherited_world, past }.go()).await
         })?;
-        self.simulation.clone_from(&finished.simulation);
         self.correction = Some(finished.measured.correction.clone());
         Ok(finished)
     }
@@ -177,6 +188,18 @@ impl Drop for Session {
             runtime.shutdown_background();
         }
     }
+}
+
+/// The world behind in-process addresses; with addresses on real ports somebody else serves it.
+fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
+    let bench = &experiment.bench;
+    let Some(section) = bench.simulation.as_ref().filter(|_| bench.in_process()) else { return Ok(None) };
+    let read = experiment.sources.iter().find(|source| source.path() == section.scenario);
+    let simulation = match read {
+        Some(scenario) => Simulation::of(scenario, experiment.seed)?,
+        None => Simulation::new(&section.scenario, experiment.seed)?,
+    };
+    Ok(Some(simulation.with_faults(section.faults.clone())))
 }
 
 /// A sweep that begins with a person changing the fixture must not fail in the middle of the night for want of one.
@@ -205,8 +228,10 @@ struct Run<'a> {
     clock: Clock,
     operator: Operator,
     recorder: Recorder,
-    /// What the runs before left: the simulated world, and the correction where it is to be kept.
+    /// The simulated world, and the correction where that of a run before is to be kept.
     before: (Option<Simulation>, Option<Correction>),
+    /// A run before has used this simulated world.
+    inherited_world: bool,
     /// What was done of this run before its process died or was stopped.
     past: Option<Past>,
 }
@@ -218,7 +243,10 @@ impl Run<'_> {
             Some(past) => past.tell(&mut self.recorder, self.plan.plan())?,
         }
         let hub = MemoryHub::new();
-        let simulation = self.simulate(&hub)?;
+        let simulation = self.before.0.take();
+        if let Some(simulation) = &simulation {
+            simulation.serve_in_process(&self.experiment.bench, &self.clock, &hub)?;
+        }
         let mut taps = BTreeMap::new();
         for (role, _) in self.experiment.bench.instruments.addressed() {
             taps.insert(role, self.recorder.tap(role)?);
@@ -228,28 +256,39 @@ impl Run<'_> {
         if self.experiment.bench.instruments.logger.is_none() {
             self.recorder.warning("nothing watches the cell's temperature: the bench has no logger");
         }
-        let mut bench = Bench::open(&self.experiment.bench, &connections).await?;
-        let identities = bench.identify_strictly().await?;
-        self.manifest(&identities, "running")?;
-        if self.past.is_some() {
-            self.reconcile(&mut bench).await?;
-        }
         let progress = Progress::new(self.plan.plan());
+        let mut custody = tokio::select! {
+            taken = Custody::take(self.experiment, self.recorder.folder(), (&self.clock, progress.doing())) => taken?,
+            () = stop.requested() => return Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+        };
+        let (mut bench, identities) = match self.open(&connections).await {
+            Ok(opened) => opened,
+            Err(failure) => return custody.end(Err(failure)).await,
+        };
         let around = (&self.clock, &self.operator, &progress);
         let before = Before { inherited: self.before.1.take(), past: self.past.as_ref() };
         let outcome = tokio::select! {
             outcome = caught(drive::drive((&mut bench, &mut self.recorder), self.experiment, self.plan, around, before)) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+            lost = custody.lost() => Err(lost.into()),
         };
         progress.finish();
         let outcome = match caught(async { Ok(bench.safe_state().await) }).await {
             Ok(safe_state) => safe(safe_state, outcome),
             Err(panic) => Err(Failure::Unsafe { failures: panic.to_string(), cause: String::new() }),
         };
+        // What could not be switched off is left to the guardian, which needs the instruments for itself.
+        drop(bench);
+        let outcome = custody.end(outcome).await;
         for (role, tap) in &connections.taps {
             if let Some(error) = tap.take_error() {
                 self.recorder.warning(&format!("the transcript of {role} is incomplete: {error}"));
             }
+        }
+        let happened = simulation.as_ref().map(Simulation::happened).unwrap_or_default();
+        if !happened.is_empty() {
+            self.recorder.warning(&format!("{} faults were played on the simulated instruments: faults.json", happened.len()));
+            self.recorder.json("faults.json", &happened)?;
         }
         let readings = self.recorder.finish_readings();
         match outcome {
@@ -274,6 +313,17 @@ impl Run<'_> {
         }
     }
 
+    /// Connects to the instruments, which must be the configured ones. Changes nothing on them.
+    async fn open(&mut self, connections: &Connections) -> Result<(Bench, Vec<Identified>), Failure> {
+        let mut bench = Bench::open(&self.experiment.bench, connections).await?;
+        let identities = bench.identify_strictly().await?;
+        self.manifest(&identities, "running")?;
+        if self.past.is_some() {
+            self.reconcile(&mut bench).await?;
+        }
+        Ok((bench, identities))
+    }
+
     /// The reason for the end outweighs a manifest that cannot be written.
     fn ended_early(&mut self, identities: &[Identified], how: &str, failure: &Failure) {
         tracing::info!("{how}: {failure}");
@@ -282,21 +332,6 @@ impl Run<'_> {
         if let Err(error) = told {
             tracing::error!("{error}");
         }
-    }
-
-    /// The world behind in-process addresses; with addresses on real ports somebody else serves it.
-    fn simulate(&self, hub: &MemoryHub) -> Result<Option<Simulation>, Failure> {
-        let bench = &self.experiment.bench;
-        let in_process = bench.instruments.addressed().iter().any(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));
-        let Some(section) = bench.simulation.as_ref().filter(|_| in_process) else { return Ok(None) };
-        let read = self.experiment.sources.iter().find(|source| source.path() == section.scenario);
-        let made = || match read {
-            Some(scenario) => Simulation::of(scenario, self.experiment.seed),
-            None => Simulation::new(&section.scenario, self.experiment.seed),
-        };
-        let simulation = self.before.0.clone().map_or_else(made, Ok)?;
-        simulation.serve_in_process(bench, &self.clock, hub)?;
-        Ok(Some(simulation))
     }
 }
 

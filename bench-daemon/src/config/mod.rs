@@ -3,6 +3,7 @@
 
 mod campaign;
 mod check;
+mod interlock;
 pub mod quantity;
 mod raw;
 mod resolve;
@@ -17,11 +18,15 @@ use analysis::{
     fit::Objective,
     ocv::OcvCurve,
 };
-use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
+use instruments::{
+    clock::TimeMode,
+    mock::{Schedule, plant::Fixture},
+    transport::Address,
+};
 
 pub use campaign::{Campaign, CampaignRun};
 pub(crate) use check::LOAD_CUT_OFF_V;
-pub use resolve::{load_bench, load_experiment, resolve_experiment};
+pub use resolve::{load_any_bench, load_bench, load_experiment, resolve_experiment};
 pub use source::{ConfigError, Copies, Source};
 pub use trace::{Segment, Trace};
 
@@ -73,6 +78,33 @@ pub struct Bench {
     pub simulation: Option<Simulation>,
     /// What its past says of its errors, where anything is known.
     pub history: Option<BenchHistory>,
+    /// The file that this was read from.
+    pub path: PathBuf,
+    /// Where its state is kept: who runs it, and why it must not be run.
+    pub state_folder: PathBuf,
+    /// The process that watches over it.
+    pub guardian: Guardian,
+}
+
+impl Bench {
+    /// Whether it is simulated in this process: then nothing of it is left when the process has ended.
+    pub fn in_process(&self) -> bool {
+        self.instruments.addressed().iter().all(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }))
+    }
+
+    /// How bench time runs.
+    pub fn time(&self) -> TimeMode {
+        self.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time)
+    }
+}
+
+/// When the guardian steps in. Both are seconds on the wall.
+#[derive(Debug, Clone, Copy)]
+pub struct Guardian {
+    /// Without a word from the daemon for so long, s, the guardian ends it and switches off.
+    pub lease_s: f64,
+    /// The daemon may compute for so long between two waits, s: after that it counts as hung, and the lease is not renewed.
+    pub stall_s: f64,
 }
 
 /// The instruments by role.
@@ -175,6 +207,8 @@ pub struct Simulation {
     pub scenario: PathBuf,
     /// How bench time runs.
     pub time: TimeMode,
+    /// What goes wrong between the simulated instruments and their client.
+    pub faults: Option<Schedule>,
 }
 
 /// A cell and what may be done to it.
@@ -186,6 +220,8 @@ pub struct Cell {
     pub capacity_c: f64,
     /// What may be done to it.
     pub limits: crate::interlock::Limits,
+    /// What the interlock allows beside them.
+    pub interlock: crate::interlock::Settings,
     /// Cells in series in the pack that the model is mapped to.
     pub series: u32,
     /// Cells in parallel.

@@ -1,15 +1,24 @@
 //! Raw files → a checked experiment. Every complaint names file, line, field and what was expected.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use analysis::{
     calibration::{KnownImpedance, StrayAdmittance},
     ocv::OcvCurve,
 };
 use fixtures::Scenario;
-use instruments::{chiller, clock::TimeMode, generator, instrument::Model, jig, load, logger, scope, supply, supply4q, transport::Address};
+use instruments::{
+    chiller,
+    clock::TimeMode,
+    generator,
+    instrument::Model,
+    jig, load, logger,
+    mock::{Fault, Schedule},
+    scope, supply, supply4q,
+    transport::Address,
+};
 
-use super::{Bench, Cell, ConfigError, Experiment, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw};
+use super::{Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw};
 use crate::interlock::Limits;
 
 /// Reads an experiment with its bench (or another one in its place) and its cell.
@@ -85,6 +94,22 @@ pub fn load_bench(path: &Path) -> Result<(Bench, Source), ConfigError> {
     Ok((resolve_bench(&source)?, source))
 }
 
+/// Reads a bench, or the one that an experiment names.
+///
+/// # Errors
+/// As [`load_experiment`].
+pub fn load_any_bench(path: &Path) -> Result<Bench, ConfigError> {
+    #[derive(serde::Deserialize)]
+    struct Either {
+        bench: Option<String>,
+    }
+    let source = Source::read(path)?;
+    match source.parse::<Either>()?.bench {
+        Some(bench) => Ok(load_bench(&source.relative(&bench)).map_err(|error| in_field(&source, "bench", &error))?.0),
+        None => resolve_bench(&source),
+    }
+}
+
 fn in_field(source: &Source, field: &str, error: &ConfigError) -> ConfigError {
     source.complain(field, error.to_string())
 }
@@ -104,6 +129,7 @@ fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
         return Err(source.complain("wiring.scale_per_ampere", "expected four voltages above zero"));
     }
     let simulation = raw.simulation.as_ref().map(|section| resolve_simulation(source, section, &instruments)).transpose()?;
+    let state_folder = state_folder(source, &raw);
     Ok(Bench {
         name: raw.name,
         instruments,
@@ -119,6 +145,34 @@ fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
         open: raw.controls.open.as_ref().map(|open| stray(source, open)).transpose()?,
         simulation,
         history: raw.history,
+        path: source.path().to_owned(),
+        state_folder,
+        guardian: resolve_guardian(source, &raw.guardian)?,
+    })
+}
+
+/// As it is typed, or beside the bench file and called after the bench.
+fn state_folder(source: &Source, raw: &raw::Bench) -> PathBuf {
+    raw.state_folder.as_ref().map_or_else(
+        || {
+            let plain = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '_' };
+            source.relative(".eis-bench").join(raw.name.chars().map(plain).collect::<String>())
+        },
+        |folder| source.relative(folder),
+    )
+}
+
+/// Lease and stall unless they are typed, s.
+const GUARDIAN: (f64, f64) = (5.0, 20.0);
+
+fn resolve_guardian(source: &Source, raw: &raw::Guardian) -> Result<Guardian, ConfigError> {
+    let within = |field: &str, value: f64, (least, greatest): (f64, f64)| {
+        let reason = || format!("expected {least} s to {greatest} s, found {value} s");
+        (least..=greatest).contains(&value).then_some(value).ok_or_else(|| source.complain(&format!("guardian.{field}"), reason()))
+    };
+    Ok(Guardian {
+        lease_s: within("lease", raw.lease.map_or(GUARDIAN.0, |lease| lease.si), (1.0, 600.0))?,
+        stall_s: within("stall", raw.stall.map_or(GUARDIAN.1, |stall| stall.si), (1.0, 600.0))?,
     })
 }
 
@@ -182,7 +236,17 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
         let reason = format!("scaled time is for mocks on this machine, and {role} is at {}", instrument.address);
         return Err(source.complain("simulation.time", reason));
     }
-    Ok(Simulation { scenario: source.relative(&raw.scenario), time })
+    let faults = raw.faults.as_ref().map(|faults| resolve_faults(source, faults)).transpose()?;
+    Ok(Simulation { scenario: source.relative(&raw.scenario), time, faults })
+}
+
+fn resolve_faults(source: &Source, raw: &raw::Faults) -> Result<Schedule, ConfigError> {
+    if !(0.0..=1.0).contains(&raw.per_message) {
+        let reason = format!("expected a chance from 0 to 1, found {}", raw.per_message);
+        return Err(source.complain("simulation.faults.per_message", reason));
+    }
+    let faults = raw.kinds.clone().unwrap_or_else(|| Fault::ALL.to_vec());
+    Ok(Schedule { seed: raw.seed, per_message: raw.per_message, most: raw.most, faults })
 }
 
 /// In this process, on the loopback interface, or on a pseudo-terminal.
@@ -296,6 +360,7 @@ fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
             min_c: raw.temperature_min.si,
             max_c: raw.temperature_max.si,
         },
+        interlock: raw.interlock.resolve(source, raw.capacity.si)?,
         series: raw.pack.series,
         parallel: raw.pack.parallel,
         ocv,

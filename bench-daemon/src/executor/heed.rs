@@ -4,7 +4,6 @@ use instruments::{clock::TimeMode, mock::plant::Fixture};
 
 use super::{ExecuteError, Executor, first};
 use crate::{
-    interlock::NO_CURRENT_A,
     journal::Entry,
     plan::{Purpose, Stage, Step},
     wishes::{Course, Wishes},
@@ -28,7 +27,7 @@ impl Executor<'_> {
         let before = stage.steps.get(..step).unwrap_or_default();
         let power = before.iter().rev().find(|step| matches!(step, Step::PowerUp { .. } | Step::PowerDown));
         if let Some(power @ Step::PowerUp { .. }) = power {
-            self.set_envelope(fixture, power);
+            self.interlock.begin(self.allowance(fixture, power), self.clock.machine_s());
             self.power(fixture, power).await?;
         }
         Ok(())
@@ -39,7 +38,8 @@ impl Executor<'_> {
         self.recorder.journal(Entry::Safe)?;
         self.recorder.journal(Entry::Paused)?;
         self.recorder.event("paused on request: every output is off")?;
-        self.envelope = self.envelope.bounded(NO_CURRENT_A, NO_CURRENT_A);
+        let nothing = self.allowance(fixture, &Step::Pause { span_s: 0.0 });
+        self.interlock.begin(nothing, self.clock.machine_s());
         while self.paused()? {
             self.clock.sleep_s(PAUSE_POLL_S).await;
             if self.bench.supply4q.is_some() {

@@ -1,9 +1,10 @@
 //! The signal generator whose sine is the command of the bipolar supply.
 
+mod keysight_33500b;
 mod siglent_sdg;
 
 use crate::{
-    exchange::{Answer, Exchange, look, play, play_all},
+    exchange::{Answer, Exchange, forget_errors, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Hertz, Volts},
@@ -46,7 +47,7 @@ pub trait Dialect: Model {
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdg::SDG1000X];
+pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdg::SDG1000X, &keysight_33500b::B33500];
 
 /// One channel of a signal generator on its link.
 pub type Generator = Instrument<dyn Dialect>;
@@ -84,6 +85,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::sine`].
     pub async fn output(&mut self, on: bool) -> Result<(), LinkError> {
+        forget_errors(&mut self.link).await?;
         let script = self.dialect.output(self.output_channel(), on);
         play(&mut self.link, &script).await
     }

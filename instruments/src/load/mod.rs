@@ -1,5 +1,6 @@
 //! The DC load that discharges the cell at constant current.
 
+mod rigol_dl3000;
 mod siglent_sdl;
 
 use crate::{
@@ -42,7 +43,7 @@ pub trait Dialect: Model {
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdl::SDL1000X];
+pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdl::SDL1000X, &rigol_dl3000::DL3000];
 
 /// A DC load on its link.
 pub type Load = Instrument<dyn Dialect>;

@@ -27,7 +27,7 @@ pub(super) struct Jig {
 
 impl Jig {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
-        Self { world: World::new(plant), status: Status::new(QUEUE_DEPTH), serial_number: options.serial_number.clone() }
+        Self { world: World::new(plant, options.since_s), status: Status::new(QUEUE_DEPTH), serial_number: options.serial_number.clone() }
     }
 
     fn mount(&mut self, arguments: &mut Arguments) -> Fallible {

@@ -40,6 +40,16 @@ pub trait Plant: Send {
     fn inserted(&self) -> usize {
         1
     }
+
+    /// The chiller has no flow any more.
+    fn chiller_alarm(&mut self, _t_s: f64) -> bool {
+        false
+    }
+
+    /// How late every answer of every instrument is at `t_s`, s.
+    fn late_s(&self, _t_s: f64) -> f64 {
+        0.0
+    }
 }
 
 /// What can be clamped into the jig, and how the voltage probes are then connected.

@@ -230,7 +230,11 @@ fn on_off(on: bool) -> &'static str {
 
 impl Sdg {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
-        let sdg = Self { world: World::new(plant), serial_number: options.serial_number.clone(), channels: [Channel::default(); 2] };
+        let sdg = Self {
+            world: World::new(plant, options.since_s),
+            serial_number: options.serial_number.clone(),
+            channels: [Channel::default(); 2],
+        };
         sdg.act();
         sdg
     }

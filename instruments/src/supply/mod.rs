@@ -1,5 +1,7 @@
 //! The DC supply that charges the cell, constant current then constant voltage.
 
+mod keysight_e36312a;
+mod rigol_dp832;
 mod siglent_spd;
 
 use crate::{
@@ -40,7 +42,7 @@ pub trait Dialect: Model {
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&siglent_spd::SPD3303X];
+pub const DIALECTS: &[&dyn Dialect] = &[&siglent_spd::SPD3303X, &keysight_e36312a::E36312A, &rigol_dp832::DP832];
 
 /// Channel 1 of a DC supply on its link.
 pub type Supply = Instrument<dyn Dialect>;

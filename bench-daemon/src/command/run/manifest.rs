@@ -51,7 +51,7 @@ impl Run<'_> {
             experiment: self.experiment.name.clone(),
             seed: self.experiment.seed,
             time: self.clock.mode().to_string(),
-            inherited: self.before.0.is_some() || self.before.1.is_some(),
+            inherited: self.inherited_world || self.before.1.is_some(),
             files,
             plan: past::fingerprints(self.plan.plan()),
         };
