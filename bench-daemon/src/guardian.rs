@@ -141,7 +141,12 @@ impl<'a> Watch<'a> {
         };
         state.json(REPORT, &report)?;
         let (run, unix_s) = (&report.run, report.unix_s);
-        tracing::info!("process {}, at {unix_s:.0} s since 1970: watching process {} on {} for {run}", report.pid, report.daemon, charge.bench.name);
+        tracing::info!(
+            "process {}, at {unix_s:.0} s since 1970: watching process {} on {} for {run}",
+            report.pid,
+            report.daemon,
+            charge.bench.name
+        );
         Ok(Self { charge, clock: clock.clone(), state, connections, report, cell: false, words: words(), _place: place })
     }
 

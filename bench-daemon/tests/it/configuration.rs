@@ -92,12 +92,7 @@ fn mistakes_are_named_with_file_line_and_field() {
             "controls.short.resistance: expected a resistance above 0 and below 1 Ω, found 0 Ω",
         ),
         ("cells/p45b.toml", "\"2.5 V\"", "\"4.5 V\"", "voltage_max: expected more than voltage_min, found 4.2"),
-        (
-            "cells/p45b.toml",
-            "\"5 K/min\"",
-            "\"0 K/min\"",
-            "interlock.temperature_rate_max: expected 0.1 K/min to 600 K/min, found 0 K/min",
-        ),
+        ("cells/p45b.toml", "\"5 K/min\"", "\"0 K/min\"", "interlock.temperature_rate_max: expected 0.1 K/min to 600 K/min, found 0 K/min"),
         (
             "cells/p45b.toml",
             "frozen_charge = \"2 %\"",
