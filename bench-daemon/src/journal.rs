@@ -208,6 +208,8 @@ pub struct Journal {
     clock: Clock,
     next: u64,
     drill: Drill,
+    /// A write has failed and may have left a part of a line: nothing may follow it.
+    broken: bool,
 }
 
 impl Journal {
@@ -246,7 +248,7 @@ impl Journal {
     }
 
     fn on(path: PathBuf, file: Box<dyn Durable>, clock: &Clock, next: u64) -> Self {
-        Self { path, file, clock: clock.clone(), next, drill: Drill::none() }
+        Self { path, file, clock: clock.clone(), next, drill: Drill::none(), broken: false }
     }
 
     /// From now on its writes are points of a crash drill.
@@ -260,11 +262,15 @@ impl Journal {
     /// A file that cannot be written.
     pub fn write(&mut self, entry: Entry) -> Result<(), JournalError> {
         self.drill.journal();
+        if self.broken {
+            return Err(self.error("cannot be written")(io::Error::other("a write before this one has failed")));
+        }
+        self.broken = true;
         let line = Line { number: self.next, time_s: (self.clock.now_s() * 1.0e3).round() / 1.0e3, entry };
         let text = text_of(&line).map_err(|error| self.error("cannot be put into JSON")(io::Error::other(error)))?;
         self.file.write_all(text.as_bytes()).and_then(|()| self.file.flush()).map_err(self.error("cannot be written"))?;
         self.file.sync().map_err(self.error("cannot be synced"))?;
-        self.next += 1;
+        (self.next, self.broken) = (self.next + 1, false);
         self.drill.journal();
         Ok(())
     }

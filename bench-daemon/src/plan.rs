@@ -1,5 +1,7 @@
 //! What is to be done, as data: stages of steps, each with an upper bound in time, checked before anything is energised.
 
+mod crash;
+mod specimen;
 mod trace;
 
 use std::{fmt, sync::Arc};
@@ -7,6 +9,10 @@ use std::{fmt, sync::Arc};
 use instruments::mock::plant::Fixture;
 
 use crate::interlock::Limits;
+pub use crash::AfterCrash;
+pub use specimen::Specimen;
+#[cfg(test)]
+pub(crate) use trace::test_trace;
 pub use trace::{Frame, LONGEST_FRAME_S, Level, TracePlan};
 
 /// A plan.
@@ -36,28 +42,6 @@ pub enum Purpose {
     Sweep(Fixture, usize),
     /// A current that steps through the cell.
     Trace,
-}
-
-/// One of several cells.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
-pub struct Specimen {
-    /// Its number in the jig, from 1.
-    pub number: usize,
-    /// Its name: files are called after it.
-    pub name: String,
-    /// Its serial number, where it has one.
-    pub serial: Option<String>,
-}
-
-/// What a crash in a step means for a run that goes on afterwards.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AfterCrash {
-    /// Nothing that lasts was moved: it is played again.
-    Repeat,
-    /// It ends at a voltage, wherever it begins: the stage is played again from its beginning, and ends at once what has been reached.
-    Absolute,
-    /// It moved a charge that nobody knows: it is played again only after the cell was brought to a known state of charge.
-    Unknown,
 }
 
 /// One step.
@@ -276,24 +260,6 @@ impl Step {
             .ok_or_else(|| format!("expected an end within seven days, found {longest_s} s"))
     }
 
-    /// What a crash in it means.
-    pub fn after_crash(&self) -> AfterCrash {
-        match self {
-            Self::Specimen(..)
-            | Self::Mount(_)
-            | Self::HoldTemperature { .. }
-            | Self::Rest { .. }
-            | Self::PowerUp { .. }
-            | Self::Pause { .. }
-            | Self::Zero(_)
-            | Self::PowerDown => AfterCrash::Repeat,
-            // A sinusoid takes back what it gives.
-            Self::Sine { .. } => AfterCrash::Repeat,
-            Self::Discharge { .. } | Self::Charge { .. } => AfterCrash::Absolute,
-            Self::Trace(_) => AfterCrash::Unknown,
-        }
-    }
-
     /// Expected duration, bench s.
     pub fn expected_s(&self) -> f64 {
         match *self {
@@ -335,29 +301,6 @@ impl fmt::Display for Purpose {
             Self::Sweep(Fixture::Short, _) => "fixture check: short",
             Self::Trace => "current trace",
         })
-    }
-}
-
-impl Stage {
-    /// The cell that it is about, where there are several.
-    pub fn specimen(&self) -> Option<&Arc<Specimen>> {
-        self.of_campaign().map(|(specimen, _)| specimen)
-    }
-
-    /// Number of the campaign's run that it belongs to.
-    pub fn run(&self) -> Option<usize> {
-        self.of_campaign().map(|(_, run)| run)
-    }
-
-    fn of_campaign(&self) -> Option<(&Arc<Specimen>, usize)> {
-        self.steps.iter().find_map(|step| if let Step::Specimen(specimen, run) = step { Some((specimen, *run)) } else { None })
-    }
-}
-
-impl fmt::Display for Specimen {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "cell {}", self.name)?;
-        self.serial.as_ref().map_or(Ok(()), |serial| write!(f, " (serial number {serial})"))
     }
 }
 
@@ -412,24 +355,6 @@ pub fn fixture_name(fixture: Fixture) -> &'static str {
 
 fn minutes(seconds: f64) -> String {
     if seconds < 120.0 { format!("{seconds:.0} s") } else { format!("{:.1} min", seconds / 60.0) }
-}
-
-/// A trace for tests.
-#[cfg(test)]
-pub(crate) fn test_trace() -> TracePlan {
-    TracePlan {
-        name: "t".to_owned(),
-        repeat: 1,
-        role: analysis::dataset::Role::Train,
-        repeat_group: "t".to_owned(),
-        rest_s: 0.0,
-        levels: vec![Level { at_s: 0.5, current_a: -1.0 }, Level { at_s: 5.5, current_a: 0.0 }],
-        frames: Vec::new(),
-        start_v: (3.6, 3.8),
-        resistance_max_ohm: 0.03,
-        capacity_c: 16_200.0,
-        thinning: (0.002, 0.25, 10.0),
-    }
 }
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ use crate::{
         run::{Past, Session, run_experiment},
     },
     config::Experiment,
+    journal::JOURNAL,
     wishes::Wishes,
 };
 
@@ -40,7 +41,7 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
     let mode = experiment.bench.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time);
     let usage = |text: &str| Err(Failure::Usage(format!("{}: {text}", folder.display())));
     let summary = match (in_process, mode) {
-        (false, _) => Session::at(&experiment.bench, past.time_s())?.go_on(&experiment, folder, past)?.summary,
+        (false, _) => Session::at(&experiment.bench, past.time_s(folder))?.go_on(&experiment, folder, past)?.summary,
         (true, _) if past.inherited() => {
             return usage("expected a run that began in a world of its own, found one on a simulated bench that others had used before");
         }
@@ -104,11 +105,13 @@ fn same(old: &Path, new: &Path, name: &Path) -> Result<(), Failure> {
     Err(Failure::Usage(format!("{}: {text}", old.join(name).display())))
 }
 
-/// Moves every file of a folder into another, over those that are there. Interrupted, it leaves files that are equal or beginnings, and can be done again.
+/// Moves every file of a folder into another, over those that are there, the journal last: interrupted, it leaves files that are equal or beginnings, and
+/// a journal that tells of an unfinished run, so that all of it is done again.
 fn replace(from: &Path, to: &Path) -> Result<(), Failure> {
     fs::create_dir_all(to)?;
-    for entry in fs::read_dir(from)? {
-        let entry = entry?;
+    let entries = fs::read_dir(from)?.collect::<Result<Vec<_>, _>>()?;
+    let (journal, others): (Vec<_>, Vec<_>) = entries.into_iter().partition(|entry| entry.file_name() == JOURNAL);
+    for entry in others.iter().chain(&journal) {
         let goal = to.join(entry.file_name());
         if entry.file_type()?.is_dir() {
             replace(&entry.path(), &goal)?;
@@ -118,7 +121,7 @@ fn replace(from: &Path, to: &Path) -> Result<(), Failure> {
     }
     for entry in fs::read_dir(to)? {
         let path = entry?.path();
-        // A file that was being written when the process died.
+        // A file that was being written when the process died, or a line.
         if path.extension().is_some_and(|extension| extension == "partial" || extension == "torn") {
             fs::remove_file(path)?;
         }

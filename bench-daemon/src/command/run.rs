@@ -195,10 +195,11 @@ fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
     let bench = &experiment.bench;
     let Some(section) = bench.simulation.as_ref().filter(|_| bench.in_process()) else { return Ok(None) };
     let read = experiment.sources.iter().find(|source| source.path() == section.scenario);
-    Ok(Some(match read {
+    let simulation = match read {
         Some(scenario) => Simulation::of(scenario, experiment.seed)?,
         None => Simulation::new(&section.scenario, experiment.seed)?,
-    }))
+    };
+    Ok(Some(simulation.with_faults(section.faults.clone())))
 }
 
 /// A sweep that begins with a person changing the fixture must not fail in the middle of the night for want of one.
@@ -283,6 +284,11 @@ impl Run<'_> {
             if let Some(error) = tap.take_error() {
                 self.recorder.warning(&format!("the transcript of {role} is incomplete: {error}"));
             }
+        }
+        let happened = simulation.as_ref().map(Simulation::happened).unwrap_or_default();
+        if !happened.is_empty() {
+            self.recorder.warning(&format!("{} faults were played on the simulated instruments: faults.json", happened.len()));
+            self.recorder.json("faults.json", &happened)?;
         }
         let readings = self.recorder.finish_readings();
         match outcome {

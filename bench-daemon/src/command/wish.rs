@@ -34,7 +34,7 @@ pub struct ReorderArgs {
 /// # Errors
 /// A folder in which nothing runs.
 pub fn wish(args: &FolderArgs, course: Course) -> Result<(), Failure> {
-    said(args, Wishes { course, ..Wishes::read(&args.folder) })?;
+    said(args, &Wishes { course, ..Wishes::read(&args.folder) })?;
     say!(
         "{}",
         match course {
@@ -51,12 +51,12 @@ pub fn wish(args: &FolderArgs, course: Course) -> Result<(), Failure> {
 /// # Errors
 /// As [`wish`].
 pub fn reorder(args: &ReorderArgs) -> Result<(), Failure> {
-    said(&FolderArgs { folder: args.folder.clone() }, Wishes { order: args.runs.clone(), ..Wishes::read(&args.folder) })?;
+    said(&FolderArgs { folder: args.folder.clone() }, &Wishes { order: args.runs.clone(), ..Wishes::read(&args.folder) })?;
     say!("after the run in work: {}", args.runs.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "));
     Ok(())
 }
 
-fn said(args: &FolderArgs, wishes: Wishes) -> Result<(), Failure> {
+fn said(args: &FolderArgs, wishes: &Wishes) -> Result<(), Failure> {
     let usage = |text: String| Failure::Usage(format!("{}: {text}", args.folder.display()));
     let lines = journal::read(&args.folder).map_err(|error| Failure::Usage(error.to_string()))?.lines;
     let story = Story::of(&lines).map_err(|error| usage(error.to_string()))?;

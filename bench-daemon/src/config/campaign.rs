@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use instruments::mock::plant::Fixture;
 
-use super::{ConfigError, Eis, check::Check, raw};
+use super::{ConfigError, Eis, Trace, check::Check, raw};
 use crate::plan::Specimen;
 
 /// Several cells, each measured several times.
@@ -54,7 +54,11 @@ impl CampaignRun {
 }
 
 impl Check<'_> {
-    pub(super) fn campaign(&self, raw: &raw::Campaign, eis: Option<&Eis>) -> Result<Campaign, ConfigError> {
+    pub(super) fn campaign(&self, raw: &raw::Campaign, (eis, traces): (Option<&Eis>, &[Trace])) -> Result<Campaign, ConfigError> {
+        if let Some(trace) = traces.iter().find(|trace| trace.repeat != 1) {
+            let reason = format!("expected a repeat of 1 beside [campaign], whose repeats say how often, found {}", trace.repeat);
+            return Err(self.complain(&format!("traces.{}.repeat", trace.name), reason));
+        }
         if eis.is_none_or(|eis| eis.fixture != Fixture::Cell || eis.repeat != 1) {
             let reason = "expected a section [eis] that sweeps the cell with a repeat of 1: campaign.repeats says how often";
             return Err(self.complain("campaign", reason));

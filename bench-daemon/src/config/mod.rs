@@ -18,7 +18,11 @@ use analysis::{
     fit::Objective,
     ocv::OcvCurve,
 };
-use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
+use instruments::{
+    clock::TimeMode,
+    mock::{Schedule, plant::Fixture},
+    transport::Address,
+};
 
 pub use campaign::{Campaign, CampaignRun};
 pub(crate) use check::LOAD_CUT_OFF_V;
@@ -203,6 +207,8 @@ pub struct Simulation {
     pub scenario: PathBuf,
     /// How bench time runs.
     pub time: TimeMode,
+    /// What goes wrong between the simulated instruments and their client.
+    pub faults: Option<Schedule>,
 }
 
 /// A cell and what may be done to it.

@@ -1,6 +1,7 @@
 //! The files as they are typed: these structures mirror the TOML, and nothing else reads them than `resolve`.
 
 use analysis::{dataset::Role, diagnosis::BenchHistory};
+use instruments::mock::Fault;
 use serde::Deserialize;
 
 use super::quantity::{
@@ -313,6 +314,17 @@ pub(super) struct Open {
 pub(super) struct Simulation {
     pub(super) scenario: String,
     pub(super) time: Option<String>,
+    pub(super) faults: Option<Faults>,
+}
+
+/// What goes wrong between the simulated instruments and their client.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Faults {
+    pub(super) seed: u64,
+    pub(super) per_message: f64,
+    pub(super) most: usize,
+    pub(super) kinds: Option<Vec<Fault>>,
 }
 
 /// A cell and what may be done to it.

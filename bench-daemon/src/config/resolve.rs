@@ -7,7 +7,16 @@ use analysis::{
     ocv::OcvCurve,
 };
 use fixtures::Scenario;
-use instruments::{chiller, clock::TimeMode, generator, instrument::Model, jig, load, logger, scope, supply, supply4q, transport::Address};
+use instruments::{
+    chiller,
+    clock::TimeMode,
+    generator,
+    instrument::Model,
+    jig, load, logger,
+    mock::{Fault, Schedule},
+    scope, supply, supply4q,
+    transport::Address,
+};
 
 use super::{Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw};
 use crate::interlock::Limits;
@@ -47,7 +56,7 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
         return Err(source.complain("fixture_check", reason));
     }
     let (traces, trace_sources) = check.traces(&raw.traces)?;
-    let campaign = raw.campaign.as_ref().map(|section| check.campaign(section, eis.as_ref())).transpose()?;
+    let campaign = raw.campaign.as_ref().map(|section| check.campaign(section, (eis.as_ref(), &traces))).transpose()?;
     if eis.as_ref().is_none_or(|eis| eis.repeat == 0) && traces.is_empty() {
         return Err(source.complain("(whole file)", "expected a section [eis] with a repeat above 0, or a section [[traces]]"));
     }
@@ -227,7 +236,17 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
         let reason = format!("scaled time is for mocks on this machine, and {role} is at {}", instrument.address);
         return Err(source.complain("simulation.time", reason));
     }
-    Ok(Simulation { scenario: source.relative(&raw.scenario), time })
+    let faults = raw.faults.as_ref().map(|faults| resolve_faults(source, faults)).transpose()?;
+    Ok(Simulation { scenario: source.relative(&raw.scenario), time, faults })
+}
+
+fn resolve_faults(source: &Source, raw: &raw::Faults) -> Result<Schedule, ConfigError> {
+    if !(0.0..=1.0).contains(&raw.per_message) {
+        let reason = format!("expected a chance from 0 to 1, found {}", raw.per_message);
+        return Err(source.complain("simulation.faults.per_message", reason));
+    }
+    let faults = raw.kinds.clone().unwrap_or_else(|| Fault::ALL.to_vec());
+    Ok(Schedule { seed: raw.seed, per_message: raw.per_message, most: raw.most, faults })
 }
 
 /// In this process, on the loopback interface, or on a pseudo-terminal.

@@ -269,11 +269,14 @@ mod tests {
 
     const FREE: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
 
+    /// Voltage, current and temperature over time.
+    type Course = Box<dyn Fn(f64) -> (f64, f64, Option<f64>)>;
+
     #[test]
     fn a_sound_discharge_trips_nothing_and_each_fault_trips_its_own() {
         let sound = |t: f64| (4.0 - 1.0e-4 * t, -5.0, Some(25.0 + 0.02 * t));
         assert_eq!(play(&mut live((-1000.0, 10.0)), course(180, sound)), None);
-        let cases: [(&str, Box<dyn Fn(f64) -> (f64, f64, Option<f64>)>, f64); 7] = [
+        let cases: [(&str, Course, f64); 7] = [
             ("net charge of the step -1002", Box::new(|t| (4.0 - 1.0e-4 * t, -6.0, Some(25.0 + 0.01 * t))), 168.0),
             ("net charge of the step 1", Box::new(|t| (4.0 + 1.0e-4 * t, 1.0, Some(25.0 + 0.01 * t))), 12.0),
             ("charge while the cell voltage stood still 55", Box::new(|t| (4.0, -5.0, Some(25.0 + 0.01 * t))), 12.0),

@@ -110,6 +110,9 @@ fn a_full_disk_is_an_error_before_anything_is_begun() {
             assert!(journal.write(Entry::Safe).is_ok());
             let message = journal.write(Entry::Safe).unwrap_err().to_string();
             assert!(message.starts_with(&format!("{JOURNAL}: {what}: ")) && message.contains("nothing may be begun"), "{message}");
+            // What failed may have left a part of a line: nothing may be written behind it, even when there is room again.
+            let message = journal.write(Entry::Safe).unwrap_err().to_string();
+            assert!(message.contains("a write before this one has failed"), "{message}");
         }
         let full = OpenOptions::new().write(true).open("/dev/full").unwrap();
         let mut journal = Journal::on("/dev/full".into(), Box::new(full), &clock, 1);

@@ -43,7 +43,7 @@ fn complaint(file: &str, from: &str, to: &str) -> String {
 
 #[test]
 fn every_file_in_configs_is_sound() {
-    for name in ["demo", "thesis", "accurate", "investigate"] {
+    for name in ["demo", "thesis", "accurate", "investigate", "campaign"] {
         let experiment = load_experiment(&configs().join(format!("experiments/{name}.toml")), None).unwrap();
         procedure::plan(&experiment).check(&experiment.cell.limits).unwrap();
     }

@@ -4,8 +4,11 @@
 mod accuracy;
 mod additions;
 mod architecture;
+mod bad_day;
 mod benches;
+mod campaign;
 mod configuration;
+mod crash;
 mod demo;
 mod diagnose;
 mod fit;

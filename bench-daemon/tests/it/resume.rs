@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use crate::support::{BENCH, Ended, Files, Ports, command, files_below, json, program};
+use crate::support::{BENCH, EXPERIMENT, Ended, Files, Ports, command, files_below, json, program};
 
 /// Runs the experiment with a crash drill; it must die by SIGKILL.
 fn die(files: &Files, run: &Path, drill: &str) {
@@ -114,4 +114,60 @@ fn a_folder_that_cannot_be_written_stops_the_run_in_safe_state_and_nothing_finis
     assert_eq!(analysis::dataset::read_spectrum_csv(&run.join("spectrum.csv")).unwrap().len(), 4);
     ports.assert_outputs_off();
     assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+}
+
+/// A trace alone, on sockets: its journal is started, safe, stage, then two lines for each step.
+const TRACE: &str = r#"
+[[traces]]
+name = "pulse"
+rest_first = "2 s"
+start_voltage = ["3.7 V", "3.9 V"]
+resistance_max = "30 mΩ"
+segments = [{ current = "-3 A", duration = "4 s" }, { current = "0 A", duration = "4 s" }]
+"#;
+
+fn traced() -> Files {
+    Files::short(2).without(EXPERIMENT, "fixture_check").without(EXPERIMENT, "eis").append(EXPERIMENT, TRACE)
+}
+
+#[test]
+fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
+    let files = traced();
+    let ports = Ports::serve(&files, 4.0, 1);
+    let run = files.path("run");
+    let experiment = files.experiment();
+    let arguments = ["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()];
+    let mut child = crate::support::Running(command(&arguments).spawn().unwrap());
+    let drawn = || ports.world.lock().unwrap().truth_current_a() < -2.0;
+    crate::support::poll("the pulse", || drawn().then_some(()));
+    child.0.kill().unwrap();
+    child.0.wait().unwrap();
+    let refused = resume(&run, &[]);
+    refused.expect_code(2);
+    assert!(refused.message().contains("stage 1, step 4 (trace pulse, repeat 1: "), "{}", refused.message());
+    assert!(refused.message().contains("go on with --accept-charge"), "{}", refused.message());
+    resume(&run, &["--accept-charge"]).expect_code(0);
+    let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap();
+    assert!(journal.contains("\"role\":\"supply4q\",\"off\":false"), "the output that was left on was seen before it was switched off");
+    assert_eq!(journal.matches("\"text\":\"trace pulse").count(), 2);
+    assert_eq!(json(&run.join("traces.json"))["traces"].as_array().unwrap().len(), 1);
+    ports.assert_outputs_off();
+}
+
+#[test]
+fn a_trace_that_is_in_the_index_is_done_whatever_the_journal_says() {
+    let files = traced();
+    let ports = Ports::serve(&files, 4.0, 1);
+    let run = files.path("run");
+    // Before the eleventh line: the trace is done.
+    die(&files, &run, "journal:21");
+    let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap();
+    assert!(journal.lines().last().unwrap().contains("\"text\":\"trace pulse"), "{journal}");
+    let file = run.join("series_pulse_1.bdf.csv");
+    let kept = fs::read(&file).unwrap();
+    resume(&run, &[]).expect_code(0);
+    let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap();
+    assert_eq!(journal.matches("\"text\":\"trace pulse").count(), 1, "it is not played a second time");
+    assert!(fs::read(&file).unwrap() == kept);
+    ports.assert_outputs_off();
 }

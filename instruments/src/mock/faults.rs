@@ -10,7 +10,7 @@ use super::{Device, MODELS, MockOptions, UnknownModel, make, plant::SharedPlant}
 use crate::scpi::decode::Terminator;
 
 /// What can go wrong with one message.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
     /// The message never reaches the instrument.

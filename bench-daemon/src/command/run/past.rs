@@ -2,6 +2,7 @@
 
 use std::{path::Path, sync::Arc};
 
+use instruments::clock::{self, TimeMode};
 use sha2::{Digest, Sha256};
 
 use super::{FINISHED, Run};
@@ -57,9 +58,13 @@ impl Past {
         Ok((experiment, Self { read, story, next }))
     }
 
-    /// Bench time of the last entry, s.
-    pub(crate) fn time_s(&self) -> f64 {
-        self.story.last_s
+    /// Bench time at which the run goes on, s: in real time as if it had gone on all the while, on scaled mocks the time of the last entry.
+    pub(crate) fn time_s(&self, folder: &Path) -> f64 {
+        let manifest = std::fs::read_to_string(folder.join("manifest.json")).unwrap_or_default();
+        let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap_or_default();
+        let real = self.story.started.time == TimeMode::Real.to_string();
+        let passed_s = manifest["started_unix_s"].as_f64().filter(|_| real).map_or(0.0, |start_s| clock::unix_time_s() - start_s);
+        passed_s.max(self.story.last_s)
     }
 
     /// The run began on a simulated bench, or with a correction, of runs before it.
