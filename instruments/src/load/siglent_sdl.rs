@@ -46,6 +46,7 @@ impl Dialect for Sdl {
         // The 5 A range is the finer one; any greater value selects 30 A.
         let (range, range_value) = if current <= 5.0 { ("5", 5.0) } else { ("30", 30.0) };
         let stop = discharge.stop_below.value();
+        let protection = (100.0 * (PROTECTION.0 * current + PROTECTION.1)).round() / 100.0;
         vec![
             Exchange::word(":FUNC CURRent", ":FUNC?", &["CURRENT"]),
             Exchange::number(format!(":CURR:IRANG {range}"), ":CURR:IRANG?", range_value, 0.1),
@@ -56,7 +57,7 @@ impl Dialect for Sdl {
             Exchange::switch(":VOLT:LATC", false),
             Exchange::fixed(":VOLT:LEV:ON", stop, (3, 5.0e-3)),
             // And a third one above the current that is asked for.
-            Exchange::fixed(":CURR:PROT:LEV", (PROTECTION.0 * current + PROTECTION.1).min(MAX_CURRENT.value()), (4, 5.0e-3)),
+            Exchange::fixed(":CURR:PROT:LEV", protection.min(MAX_CURRENT.value()), (4, 5.0e-3)),
             Exchange::switch(":CURR:PROT:STAT", true),
         ]
     }
