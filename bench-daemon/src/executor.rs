@@ -4,6 +4,7 @@
 mod beside;
 mod dc;
 mod error;
+mod leg;
 mod sine;
 mod trace;
 
@@ -82,6 +83,8 @@ pub struct Executor<'a> {
     last_c: Option<f64>,
     /// The logger scans nothing before it was told what.
     logger_ready: bool,
+    /// The readings of the legs so far.
+    legs: leg::Legs,
 }
 
 /// The event from which on current may flow.
@@ -116,6 +119,7 @@ impl<'a> Executor<'a> {
             charge_c: 0.0,
             last_c: None,
             logger_ready: false,
+            legs: leg::Legs::default(),
         }
     }
 
@@ -147,6 +151,7 @@ impl<'a> Executor<'a> {
                 Step::Discharge { .. } => self.discharge(step).await?,
                 Step::Charge { .. } => self.charge(step).await?,
                 Step::Rest { .. } => self.rest(step).await?,
+                Step::Leg(leg) => self.leg(&leg).await?,
                 Step::PowerUp { compliance_v, limit_a, .. } => {
                     let limits = supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) };
                     self.power_up(fixture, &limits).await?;
@@ -176,6 +181,10 @@ impl<'a> Executor<'a> {
         self.envelope = match *step {
             Step::Discharge { current_a, .. } => cell.bounded(NO_CURRENT_A, drawn(current_a)),
             Step::Charge { current_a, .. } => cell.bounded(drawn(current_a), NO_CURRENT_A),
+            Step::Leg(leg) => {
+                let (charge_a, discharge_a) = leg.most_a();
+                cell.bounded(drawn(charge_a), drawn(discharge_a))
+            }
             Step::PowerUp { limit_a, .. } => cell.bounded(limit_a, limit_a),
             // Between power-up and power-down the limit of the power-up holds.
             Step::Sine { .. } | Step::PowerDown => self.envelope,

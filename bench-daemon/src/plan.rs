@@ -1,5 +1,6 @@
 //! What is to be done, as data: stages of steps, each with an upper bound in time, checked before anything is energised.
 
+mod leg;
 mod trace;
 
 use std::{fmt, sync::Arc};
@@ -7,6 +8,7 @@ use std::{fmt, sync::Arc};
 use instruments::mock::plant::Fixture;
 
 use crate::interlock::Limits;
+pub use leg::{Flow, Leg, Log};
 pub use trace::{Frame, LONGEST_FRAME_S, Level, TracePlan};
 
 /// A plan.
@@ -32,6 +34,8 @@ pub enum Purpose {
     Temperature,
     /// Bringing the cell to its state of charge.
     SocReset,
+    /// Finding the open-circuit voltage over the state of charge.
+    OcvSoc,
     /// A sweep over what is in the jig: 0 as a control, else the number of the repeat.
     Sweep(Fixture, usize),
     /// A current that steps through the cell.
@@ -81,6 +85,8 @@ pub enum Step {
         /// Steady means slower than this, V/s.
         slope_v_per_s: f64,
     },
+    /// Direct current through load or supply, or rest, every reading of which is kept.
+    Leg(Leg),
     /// The bipolar supply is brought up with the generator at zero.
     PowerUp {
         /// Compliance voltage, V.
@@ -227,6 +233,10 @@ impl Step {
                     return Err(format!("expected a shortest rest of at most {max_s} s, found {min_s} s"));
                 }
             }
+            Self::Leg(ref leg) => {
+                needs_off()?;
+                leg.check(limits)?;
+            }
             Self::PowerUp { compliance_v, limit_a, .. } => {
                 needs_off()?;
                 let (least, greatest) = (limits.max_v + COMPLIANCE_V.0, limits.max_v + COMPLIANCE_V.1);
@@ -259,6 +269,7 @@ impl Step {
             Self::HoldTemperature { max_s, .. } => 0.2 * max_s,
             Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } => 0.2 * max_s,
             Self::Rest { min_s, max_s, .. } => 0.5 * (min_s + max_s),
+            Self::Leg(ref leg) => leg.expected_s(),
             Self::Sine { wait_s, .. } => wait_s + OVERHEAD_S,
             Self::Pause { span_s } => span_s,
             Self::Zero(ref trace) => trace.rest_s + 2.0 * OVERHEAD_S,
@@ -273,6 +284,7 @@ impl Step {
             Self::HoldTemperature { max_s, .. } | Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } | Self::Rest { max_s, .. } => {
                 max_s
             }
+            Self::Leg(Leg { max_s, .. }) => max_s,
             Self::Sine { wait_s, .. } => (wait_s + 60.0) * (MAX_RANGING + 1) as f64,
             Self::Pause { span_s } => span_s + 60.0,
             Self::Zero(ref trace) => trace.rest_s + 60.0,
@@ -286,6 +298,7 @@ impl fmt::Display for Purpose {
         f.write_str(match self {
             Self::Temperature => "temperature",
             Self::SocReset => "SOC reset",
+            Self::OcvSoc => "OCV over SOC",
             Self::Sweep(Fixture::Cell, _) => "EIS sweep of the cell",
             Self::Sweep(Fixture::Shunt, 0) => "fixture check: shunt",
             Self::Sweep(Fixture::Shunt, _) => "EIS sweep of the shunt",
@@ -312,6 +325,7 @@ impl fmt::Display for Step {
             Self::Rest { min_s, max_s, slope_v_per_s } => {
                 write!(f, "rest {} to {}, until slower than {:.3} mV/min", minutes(min_s), minutes(max_s), slope_v_per_s * 6.0e4)
             }
+            Self::Leg(ref leg) => leg.fmt(f),
             Self::PowerUp { compliance_v, limit_a, held: true } => {
                 write!(f, "bipolar supply up: compliance {compliance_v} V, current limit {limit_a} A")
             }

@@ -14,7 +14,7 @@ use std::{
 };
 
 use analysis::{
-    dataset::{self, Capture, CaptureMeta, ChannelMeta, DatasetError, RunIndex, SeriesRow, SweepEntry, TraceEntry, TraceRow},
+    dataset::{self, Capture, CaptureMeta, ChannelMeta, DatasetError, LegRow, RunIndex, SeriesRow, SweepEntry, TraceEntry, TraceRow},
     sine::CodeScale,
     spectrum::ImpedancePoint,
 };
@@ -199,6 +199,14 @@ impl Recorder {
         dataset::write_trace_csv(&self.path(&entry.file), rows)?;
         self.index.traces.push(entry);
         self.json(INDEX, &self.index)
+    }
+
+    /// Writes the readings of legs, whole or not at all.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn legs(&self, name: &str, rows: &[LegRow]) -> Result<(), RecordError> {
+        Ok(dataset::write_legs_csv(&self.path(name), rows)?)
     }
 
     /// Enters a sweep whose file is whole into the index.

@@ -2,6 +2,7 @@
 //! of here is complete and within the limits of cell and instruments; nothing is energised before that.
 
 mod check;
+mod ocv_soc;
 pub mod quantity;
 mod raw;
 mod resolve;
@@ -19,6 +20,7 @@ use analysis::{
 use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
 
 pub(crate) use check::LOAD_CUT_OFF_V;
+pub use ocv_soc::OcvSoc;
 pub use resolve::{load_bench, load_experiment};
 pub use source::{ConfigError, Source};
 pub use trace::{Segment, Trace};
@@ -40,6 +42,8 @@ pub struct Experiment {
     pub fixture_check: Option<FixtureCheck>,
     /// Bringing the cell to a known state of charge first, if asked for.
     pub soc_reset: Option<SocReset>,
+    /// Finding the open-circuit voltage over the state of charge, if asked for.
+    pub ocv_soc: Option<OcvSoc>,
     /// The sweeps, if there are any.
     pub eis: Option<Eis>,
     /// Currents that step, in the order in which each round plays them.

@@ -20,6 +20,7 @@ pub(super) struct Experiment {
     pub(super) temperature: Option<TemperatureSection>,
     pub(super) fixture_check: Option<FixtureCheck>,
     pub(super) soc_reset: Option<SocReset>,
+    pub(super) ocv_soc: Option<super::ocv_soc::Raw>,
     pub(super) eis: Option<Eis>,
     #[serde(default)]
     pub(super) traces: Vec<Trace>,

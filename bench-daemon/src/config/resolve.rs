@@ -34,14 +34,16 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
     let temperature = raw.temperature.as_ref().map(|section| check.temperature(section)).transpose()?;
     let fixture_check = raw.fixture_check.as_ref().map(|section| check.fixture_check(section)).transpose()?;
     let soc_reset = raw.soc_reset.as_ref().map(|section| check.soc_reset(section)).transpose()?;
+    let ocv_soc = raw.ocv_soc.as_ref().map(|section| check.ocv_soc(section)).transpose()?;
     let eis = raw.eis.as_ref().map(|section| check.eis(section)).transpose()?;
     if fixture_check.is_some() && eis.is_none() {
         let reason = "expected a section [eis], whose frequencies the controls are measured at; with repeat = 0 the cell is left out";
         return Err(source.complain("fixture_check", reason));
     }
     let (traces, trace_sources) = check.traces(&raw.traces)?;
-    if eis.as_ref().is_none_or(|eis| eis.repeat == 0) && traces.is_empty() {
-        return Err(source.complain("(whole file)", "expected a section [eis] with a repeat above 0, or a section [[traces]]"));
+    if eis.as_ref().is_none_or(|eis| eis.repeat == 0) && traces.is_empty() && ocv_soc.is_none() {
+        let reason = "expected a section [eis] with a repeat above 0, a section [[traces]], or a section [ocv_soc]";
+        return Err(source.complain("(whole file)", reason));
     }
     let fit = check.fit(&raw.fit, eis.as_ref().map_or(usize::MAX, |eis| eis.freqs_hz.len()))?;
     Ok(Experiment {
@@ -52,6 +54,7 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
         temperature,
         fixture_check,
         soc_reset,
+        ocv_soc,
         eis,
         traces,
         fit,

@@ -146,7 +146,7 @@ impl Executor<'_> {
     }
 
     /// The cell's voltage before anything is switched on: a cell that is missing, reversed, ruined or too hot must not be driven.
-    async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
+    pub(super) async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
         let volts = self.load_volts().await?.0;
         let temperature_c = self.cell_temperature().await?;
         let reading = Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), temperature_c, ..Reading::default() };
@@ -154,19 +154,19 @@ impl Executor<'_> {
         Ok(volts)
     }
 
-    async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
+    pub(super) async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
         let error = self.bench.error("load");
         let (volts, amps) = require(&mut self.bench.load, "load")?.measure().await.map_err(error)?;
         Ok((volts.value(), amps.value()))
     }
 }
 
-fn bound(step: &Step, passed_s: f64, max_s: f64, state: impl Fn() -> String) -> Result<(), ExecuteError> {
+pub(super) fn bound(step: &impl std::fmt::Display, passed_s: f64, max_s: f64, state: impl Fn() -> String) -> Result<(), ExecuteError> {
     if passed_s <= max_s { Ok(()) } else { Err(ExecuteError::Bound { step: step.to_string(), max_s, state: state() }) }
 }
 
 /// A current that does not come means a lead that is off, a fuse, a wrong cell: nothing to wait for.
-fn follows(what: &str, poll: u32, commanded_a: f64, met_a: f64) -> Result<(), ExecuteError> {
+pub(super) fn follows(what: &str, poll: u32, commanded_a: f64, met_a: f64) -> Result<(), ExecuteError> {
     if poll < RISE_POLLS || (met_a - commanded_a).abs() <= 0.1 * commanded_a + 0.05 {
         return Ok(());
     }

@@ -1,6 +1,7 @@
 //! The procedures of the thesis, each a pure function from parameters to stages of a plan.
 
 mod eis_sweep;
+mod ocv_soc;
 mod soc_reset;
 mod trace;
 
@@ -11,7 +12,7 @@ use crate::{
     plan::{Plan, Purpose, Stage, Step},
 };
 
-/// The whole experiment as a plan: fixture check, temperature, SOC reset, then rounds of one sweep and each trace, as often as each is to be repeated. The controls come first, so that the cell is put into
+/// The whole experiment as a plan: fixture check, temperature, OCV over SOC, SOC reset, then rounds of one sweep and each trace, as often as each is to be repeated. The controls come first, so that the cell is put into
 /// the jig once, after the last of them, and nothing has to be clamped where it sits.
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
@@ -31,6 +32,9 @@ pub fn plan(experiment: &Experiment) -> Plan {
             purpose: Purpose::Temperature,
             steps: vec![Step::Mount(Fixture::Cell), Step::HoldTemperature { setpoint_c, within_k, max_s }],
         });
+    }
+    if let Some(ocv) = &experiment.ocv_soc {
+        stages.push(ocv_soc::stage(ocv, &experiment.cell));
     }
     if let Some(reset) = &experiment.soc_reset {
         stages.push(soc_reset::stage(reset));

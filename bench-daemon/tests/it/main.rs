@@ -15,6 +15,7 @@ mod kill;
 mod kk;
 mod mock_process;
 mod ocv_joint;
+mod ocv_soc;
 mod ranging;
 mod real_data;
 mod simulate;

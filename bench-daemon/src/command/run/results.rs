@@ -1,5 +1,6 @@
 //! What is made of a finished run: fits, model files, plots, the report, and a summary for the terminal.
 
+mod ocv;
 mod records;
 mod report;
 
@@ -20,6 +21,10 @@ use crate::{command::Failure, config::Experiment, fixture_check, record::Recorde
 /// # Errors
 /// A fit that cannot be made; a file that cannot be written.
 pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Result<String, Failure> {
+    let ocv = ocv::write(recorder, experiment)?;
+    let summary = |recorder: &Recorder, experiment: &Experiment, measured: &Measured, fits: (&[ErmFit], Option<&Budget>)| {
+        summary(recorder, experiment, measured, fits).replacen("\nrun folder:", &format!("{ocv}\nrun folder:"), 1)
+    };
     if measured.spectrum.points.is_empty() {
         return Ok(summary(recorder, experiment, measured, (&[], None)));
     }
