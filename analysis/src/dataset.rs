@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 pub use capture::{CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, read_capture, write_capture};
 pub use disk::write_atomically;
-pub use index::{CurrentBetween, CurrentPositive, Role, RunIndex, SweepEntry, TraceEntry};
+pub use index::{CurrentBetween, CurrentPositive, FlaggedPoint, Role, RunIndex, SweepEntry, TraceEntry};
 
 use crate::spectrum::{Covariance2, ImpedancePoint};
 use num_complex::Complex64;

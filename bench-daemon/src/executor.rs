@@ -4,11 +4,13 @@
 mod beside;
 mod dc;
 mod error;
+mod gate;
 mod leg;
+mod multisine;
 mod sine;
 mod trace;
 
-use analysis::calibration::Correction;
+use analysis::{calibration::Correction, multisine::Line};
 use instruments::{
     clock::Clock,
     mock::plant::Fixture,
@@ -60,6 +62,8 @@ pub struct Executor<'a> {
     pub correction: Correction,
     /// What was read of the cell before the bipolar supply went on last.
     pub idle: Reading,
+    /// What the lines of multisines say besides their impedance, until somebody takes it.
+    pub lines: Vec<Line>,
     /// What the scope's channels are to be set to.
     verticals: [Option<Vertical>; 4],
     /// What they were last set to.
@@ -85,6 +89,10 @@ pub struct Executor<'a> {
     logger_ready: bool,
     /// The readings of the legs so far.
     legs: leg::Legs,
+    /// Where the reset of the state of charge stands.
+    reset: dc::Reset,
+    /// What went into measuring points of the sweep again.
+    spent: gate::Spent,
 }
 
 /// The event from which on current may flow.
@@ -107,6 +115,7 @@ impl<'a> Executor<'a> {
             progress,
             correction: Correction::none(experiment.bench.wiring.shunt),
             idle: Reading::default(),
+            lines: Vec::new(),
             verticals: [None; 4],
             applied: [None; 4],
             trigger_v: Volts(0.0),
@@ -120,6 +129,8 @@ impl<'a> Executor<'a> {
             last_c: None,
             logger_ready: false,
             legs: leg::Legs::default(),
+            reset: dc::Reset::default(),
+            spent: gate::Spent::default(),
         }
     }
 
@@ -136,8 +147,13 @@ impl<'a> Executor<'a> {
         self.recorder.event(&stage.purpose.to_string())?;
         let mut points = Vec::new();
         let mut fixture = Fixture::Cell;
-        self.repeat = if let Purpose::Sweep(_, repeat) = stage.purpose { repeat } else { 0 };
+        self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose { repeat } else { 0 };
+        self.spent = gate::Spent::default();
+        self.reset = dc::Reset::default();
         for step in &stage.steps {
+            if self.reset.accepted {
+                break;
+            }
             tracing::info!("step: {step}");
             self.recorder.event(&step.to_string())?;
             self.progress.begin(&stage.purpose.to_string(), step);
@@ -151,16 +167,19 @@ impl<'a> Executor<'a> {
                 Step::Discharge { .. } => self.discharge(step).await?,
                 Step::Charge { .. } => self.charge(step).await?,
                 Step::Rest { .. } => self.rest(step).await?,
+                Step::Accept { band_v, missed } => self.accept(band_v, missed)?,
                 Step::Leg(leg) => self.leg(&leg).await?,
                 Step::PowerUp { compliance_v, limit_a, .. } => {
                     let limits = supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) };
                     self.power_up(fixture, &limits).await?;
                 }
                 Step::Sine { .. } => {
-                    let point = self.sine(fixture, step).await?;
+                    let point = self.gated(fixture, step).await?;
                     on_point(self.recorder, &point)?;
                     points.push(point);
                 }
+                Step::Multisine(ref band) => points.extend(self.multisine(band).await?),
+                Step::Recheck { .. } => self.recheck(fixture, stage, &mut points).await?,
                 Step::Pause { span_s } => self.pause(span_s).await?,
                 Step::Zero(ref trace) => self.zero(trace).await?,
                 Step::Trace(ref trace) => self.trace(trace).await?,
@@ -187,14 +206,17 @@ impl<'a> Executor<'a> {
             }
             Step::PowerUp { limit_a, .. } => cell.bounded(limit_a, limit_a),
             // Between power-up and power-down the limit of the power-up holds.
-            Step::Sine { .. } | Step::PowerDown => self.envelope,
+            Step::Sine { .. } | Step::Multisine(_) | Step::Recheck { .. } | Step::PowerDown => self.envelope,
             Step::Trace(ref trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
                 self.envelope.bounded(drawn(greatest_a), drawn(-least_a))
             }
-            Step::Mount(_) | Step::Pause { .. } | Step::Zero(_) | Step::HoldTemperature { .. } | Step::Rest { .. } => {
-                cell.bounded(NO_CURRENT_A, NO_CURRENT_A)
-            }
+            Step::Mount(_)
+            | Step::Accept { .. }
+            | Step::Pause { .. }
+            | Step::Zero(_)
+            | Step::HoldTemperature { .. }
+            | Step::Rest { .. } => cell.bounded(NO_CURRENT_A, NO_CURRENT_A),
         };
     }
 

@@ -20,6 +20,7 @@ pub mod plan;
 pub mod present;
 pub mod procedure;
 pub mod progress;
+pub mod quality;
 pub mod record;
 pub mod sim;
 pub mod study;

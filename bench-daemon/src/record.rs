@@ -241,6 +241,14 @@ impl Recorder {
         Ok(dataset::append_spectrum_csv(&self.path(name), point)?)
     }
 
+    /// Writes a spectrum again, whole or not at all, in the place of the points that were appended as they came.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn spectrum(&self, name: &str, points: &[ImpedancePoint]) -> Result<(), RecordError> {
+        Ok(dataset::write_spectrum_csv(&self.path(name), points)?)
+    }
+
     /// Writes a structure as JSON, whole or not at all.
     ///
     /// # Errors

@@ -24,6 +24,13 @@ pub enum Exchange {
         /// What the answer must be.
         expect: Expect,
     },
+    /// Bytes behind a head, sent as they are; what the instrument made of them shows in what comes after. They must hold no byte that ends a message.
+    Data {
+        /// The message up to its data.
+        head: String,
+        /// The data.
+        data: Vec<u8>,
+    },
     /// Not sent: what was wanted cannot be written as a message, such as a number that is none. Playing it is an error.
     Refuse {
         /// The header of what was wanted.
@@ -185,6 +192,7 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
                 let outcome = link.set(message, read_back, |answer| expect.judge(answer)).await;
                 believe(link, read_back, expect, outcome).await?;
             }
+            Exchange::Data { head, data } => link.send_data(head, data).await?,
             Exchange::Refuse { message, reason } => {
                 return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason: reason.clone() });
             }

@@ -4,6 +4,7 @@
 //! state before this returns.
 
 mod drive;
+mod multisine;
 mod results;
 
 use std::{
@@ -43,6 +44,8 @@ use crate::{
     sim::Simulation,
 };
 
+pub use multisine::MultisineRun;
+
 /// What a run measured.
 #[derive(Debug)]
 pub struct Measured {
@@ -56,6 +59,10 @@ pub struct Measured {
     pub spectrum: Spectrum,
     /// Those of its further sweeps.
     pub repeats: Vec<Spectrum>,
+    /// All of them with the noise of their own records only: what the correction leaves uncertain is the same in each.
+    pub own_noise: Vec<Spectrum>,
+    /// What multisines measured of the cell.
+    pub multisines: Vec<MultisineRun>,
 }
 
 /// What ran, for whoever wants to run it again.

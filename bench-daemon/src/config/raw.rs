@@ -4,7 +4,7 @@ use analysis::{dataset::Role, diagnosis::BenchHistory};
 use serde::Deserialize;
 
 use super::quantity::{
-    Angle, Capacitance, Charge, Current, Duration, Frequency, Inductance, Quantity, Resistance, Share, Temperature, TemperatureDifference,
+    Angle, Capacitance, Charge, Current, Duration, Frequency, Inductance, Power, Quantity, Resistance, Share, Temperature, TemperatureDifference,
     Voltage, VoltageSlope,
 };
 
@@ -22,6 +22,7 @@ pub(super) struct Experiment {
     pub(super) soc_reset: Option<SocReset>,
     pub(super) ocv_soc: Option<super::ocv_soc::Raw>,
     pub(super) eis: Option<Eis>,
+    pub(super) multisine: Option<super::multisine::Raw>,
     #[serde(default)]
     pub(super) traces: Vec<Trace>,
     #[serde(default)]
@@ -43,6 +44,9 @@ pub(super) struct FixtureCheck {
     pub(super) fake_cell: Option<ControlTolerance>,
     pub(super) short: Option<ShortTolerance>,
     pub(super) corrected_tolerance: Quantity<Share>,
+    /// Where the controls are looked at beyond the sweep.
+    #[serde(default)]
+    pub(super) beyond: Vec<Quantity<Frequency>>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -71,6 +75,12 @@ pub(super) struct SocReset {
     pub(super) rest_max: Quantity<Duration>,
     pub(super) rest_slope: Quantity<VoltageSlope>,
     pub(super) max_duration: Quantity<Duration>,
+    /// Where the voltage must come to rest.
+    pub(super) rest_band: Option<[Quantity<Voltage>; 2]>,
+    #[serde(default = "three")]
+    pub(super) attempts: usize,
+    #[serde(default = "flag")]
+    pub(super) missed: crate::plan::Missed,
 }
 
 #[derive(Debug, Deserialize)]
@@ -101,6 +111,14 @@ pub(super) struct Eis {
     pub(super) repeat: usize,
     /// Before each sweep of the cell.
     pub(super) rest_first: Option<Quantity<Duration>>,
+    #[serde(default)]
+    pub(super) order: super::Order,
+    /// Sweeps of each round, in the place of one at `amplitude`, which is the largest.
+    pub(super) amplitude_steps: Option<Vec<Quantity<Current>>>,
+    /// Each sweep there and back, and every point at the time in between.
+    #[serde(default)]
+    pub(super) compensate_drift: bool,
+    pub(super) quality: Option<super::quality::Raw>,
 }
 
 /// What the sweeps of `[eis]` are of.
@@ -141,7 +159,9 @@ pub(super) struct Trace {
 #[serde(deny_unknown_fields)]
 pub(super) struct Segment {
     /// Charge positive.
-    pub(super) current: Quantity<Current>,
+    pub(super) current: Option<Quantity<Current>>,
+    /// In the place of a current.
+    pub(super) power: Option<Quantity<Power>>,
     pub(super) duration: Quantity<Duration>,
 }
 
@@ -158,6 +178,12 @@ impl Default for Fit {
     }
 }
 
+fn three() -> usize {
+    3
+}
+fn flag() -> crate::plan::Missed {
+    crate::plan::Missed::Flag
+}
 fn yes() -> bool {
     true
 }

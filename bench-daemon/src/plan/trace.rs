@@ -36,8 +36,18 @@ pub struct TracePlan {
 pub struct Level {
     /// When, s.
     pub at_s: f64,
-    /// Current, A, charge positive.
+    /// Current, A, charge positive; of a power, at worst.
     pub current_a: f64,
+    /// Power into the cell, W, where that is given in its place.
+    pub power_w: Option<f64>,
+}
+
+impl Level {
+    /// The current at a voltage of the cell, A: never more than at worst.
+    pub fn at_a(&self, volts: f64) -> f64 {
+        let most_a = self.current_a.abs();
+        self.power_w.map_or(self.current_a, |power_w| (power_w / volts).clamp(-most_a, most_a))
+    }
 }
 
 /// The scope looks.

@@ -1,6 +1,7 @@
 //! The procedures of the thesis, each a pure function from parameters to stages of a plan.
 
 mod eis_sweep;
+mod multisine;
 mod ocv_soc;
 mod soc_reset;
 mod trace;
@@ -19,12 +20,14 @@ pub fn plan(experiment: &Experiment) -> Plan {
     let supply = experiment.bench.instruments.supply4q.as_ref().and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
     let held = supply.is_some_and(|dialect| dialect.capabilities().current_limit);
     let limits = &experiment.cell.limits;
-    let sweep = |fixture, repeat| {
+    let beyond_hz = experiment.fixture_check.as_ref().map_or(&[][..], |check| &check.beyond_hz);
+    let sweep = |fixture, repeat, amplitude_a| {
         let eis = experiment.eis.as_ref()?;
-        Some(eis_sweep::stage((fixture, repeat, held), eis, limits, time_base(experiment)))
+        let sweep = eis_sweep::Sweep { fixture, repeat, amplitude_a, held, beyond_hz, seed: experiment.seed };
+        Some(eis_sweep::stage(&sweep, eis, limits, time_base(experiment)))
     };
     for (control, _) in experiment.fixture_check.iter().flat_map(|check| &check.controls) {
-        stages.extend(sweep(*control, 0));
+        stages.extend(sweep(*control, 0, experiment.eis.as_ref().map_or(0.0, |eis| eis.amplitude_a)));
     }
     if let Some(temperature) = &experiment.temperature {
         let (setpoint_c, within_k, max_s) = (temperature.setpoint_c, temperature.within_k, temperature.timeout_s);
@@ -40,9 +43,15 @@ pub fn plan(experiment: &Experiment) -> Plan {
         stages.push(soc_reset::stage(reset));
     }
     let sweeps = experiment.eis.as_ref().map_or(0, |eis| eis.repeat);
+    let sweeps = experiment.multisine.as_ref().map_or(sweeps, |multisine| sweeps.max(multisine.repeat));
     let rounds = experiment.traces.iter().map(|trace| trace.repeat).fold(sweeps, usize::max);
     for round in 1..=rounds {
-        stages.extend(experiment.eis.as_ref().filter(|eis| round <= eis.repeat).and_then(|eis| sweep(eis.fixture, round)));
+        for eis in experiment.eis.iter().filter(|eis| round <= eis.repeat) {
+            let before = (round - 1) * eis.steps_a.len();
+            stages.extend(eis.steps_a.iter().enumerate().filter_map(|(k, amplitude_a)| sweep(eis.fixture, before + k + 1, *amplitude_a)));
+        }
+        let due = experiment.multisine.iter().filter(|multisine| round <= multisine.repeat);
+        stages.extend(due.map(|multisine| multisine::stage((multisine, round), limits, (held, experiment.seed))));
         let due = experiment.traces.iter().filter(|trace| round <= trace.repeat);
         stages.extend(due.map(|trace| trace::stage((trace, round), &experiment.cell, held, time_base(experiment))));
     }

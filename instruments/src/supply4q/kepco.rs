@@ -139,6 +139,7 @@ mod tests {
             .iter()
             .map(|exchange| match exchange {
                 Exchange::Send(message) | Exchange::Set { message, .. } | Exchange::Refuse { message, .. } => message.as_str(),
+                Exchange::Data { head, .. } => head.as_str(),
             })
             .collect()
     }
