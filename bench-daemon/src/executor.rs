@@ -89,6 +89,8 @@ pub struct Executor<'a> {
     logger_ready: bool,
     /// The readings of the legs so far.
     legs: leg::Legs,
+    /// When the scope was stopped last, s.
+    stopped_s: f64,
     /// Where the reset of the state of charge stands.
     reset: dc::Reset,
     /// What went into measuring points of the sweep again.
@@ -129,6 +131,7 @@ impl<'a> Executor<'a> {
             last_c: None,
             logger_ready: false,
             legs: leg::Legs::default(),
+            stopped_s: 0.0,
             reset: dc::Reset::default(),
             spent: gate::Spent::default(),
         }

@@ -406,7 +406,10 @@ impl fmt::Display for Step {
                 let (name, repeat, steps, frames) = (&trace.name, trace.repeat, trace.levels.len(), trace.frames.len());
                 let length = minutes(trace.length_s());
                 let worst = if trace.levels.iter().any(|level| level.power_w.is_some()) { " at worst, by power" } else { "" };
-                write!(f, "trace {name}, repeat {repeat}: {steps} steps from {least_a} A to {greatest_a} A{worst}, {frames} frames, {length}")
+                write!(
+                    f,
+                    "trace {name}, repeat {repeat}: {steps} steps from {least_a} A to {greatest_a} A{worst}, {frames} frames, {length}"
+                )
             }
             Self::PowerDown => write!(f, "bipolar supply down"),
         }

@@ -3,7 +3,7 @@
 //! A number counts against a point only where noise does not explain it, so that a quiet limit on a noisy bench names the noise and nothing else.
 
 use analysis::{
-    sine::{self, Channel, FitOptions, Record},
+    sine::{self, Channel, FitOptions, Record, SineFit, Tone, ToneKind},
     spectrum::{ChannelPhasors, ImpedancePoint, PhasorVariance, raw_impedance},
     validity::{Drift, DriftShape},
 };
@@ -13,6 +13,9 @@ use crate::executor::Beside;
 
 /// Standard deviations from which on a number is no noise.
 const CERTAIN: f64 = 5.0;
+
+/// Harmonics that are looked at: with fewer, a crest that is cut off would pass for noise.
+const ORDERS: std::ops::RangeInclusive<u32> = 2..=7;
 
 /// Limits of the gate; shares of |Z| or of the amplitude.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -130,7 +133,7 @@ pub fn measure(record: &Record<'_>, (phasors, beside): (&ChannelPhasors, &Beside
     Measures {
         clipped,
         noise: magnitude(|variance| variance.noise + variance.quantisation),
-        distortion: distortion(phasors, beside),
+        distortion: distortion(record, phasors.freq_hz),
         drift: magnitude(|variance| variance.drift).max(bend),
         repeatability: halves(record, phasors.freq_hz),
     }
@@ -143,13 +146,16 @@ fn across(point: &ImpedancePoint) -> f64 {
 
 /// Root of the summed squares of the harmonics over the fundamental, of the current and of what the current's harmonics do not explain of the voltage
 /// (with the impedance of the fundamental, for a single record knows no other); the greater, with what noise makes of it.
-fn distortion(phasors: &ChannelPhasors, beside: &Beside) -> (f64, f64) {
+fn distortion(record: &Record<'_>, freq_hz: f64) -> (f64, f64) {
+    let options = FitOptions { harmonics: ORDERS.collect(), ..FitOptions::default() };
+    let Ok(fit) = sine::fit_known_frequency(record, freq_hz, &options) else { return (f64::NAN, 0.0) };
+    let Ok(phasors) = ChannelPhasors::from_fit(&fit) else { return (f64::NAN, 0.0) };
     let pairs = |of: &ChannelPhasors| (of.volts[1] - of.volts[0], of.volts[3] - of.volts[2]);
-    let (current, voltage) = pairs(phasors);
+    let (current, voltage) = pairs(&phasors);
     let ratio = voltage / current;
     let mut sums = [(0.0, 0.0); 2];
-    for (_, harmonic) in &beside.harmonics {
-        let (i, v) = pairs(harmonic);
+    for harmonic in harmonics(&fit) {
+        let (i, v) = pairs(&harmonic);
         let noise = harmonic.totals().map(|total| total.re_re + total.im_im);
         let add = |sum: &mut (f64, f64), value: Complex64, variance: f64| *sum = (sum.0 + value.norm_sqr(), sum.1 + variance);
         add(&mut sums[0], i / current.norm(), (noise[0] + noise[1]) / current.norm_sqr());
@@ -161,6 +167,15 @@ fn distortion(phasors: &ChannelPhasors, beside: &Beside) -> (f64, f64) {
     }
     let [current, voltage] = sums.map(|(square, variance)| (square.sqrt(), variance.sqrt()));
     if voltage.0 > current.0 { voltage } else { current }
+}
+
+fn harmonics(fit: &SineFit) -> Vec<ChannelPhasors> {
+    let of = |tone: &Tone| {
+        let channels = <&[sine::Phasor; 4]>::try_from(tone.channels.as_slice()).ok()?;
+        let variance = channels.each_ref().map(|p| PhasorVariance { noise: p.variance, ..PhasorVariance::circular(0.0) });
+        Some(ChannelPhasors { freq_hz: tone.freq_hz, volts: channels.map(|p| p.phasor), variance })
+    };
+    fit.tones.iter().filter(|tone| matches!(tone.kind, ToneKind::Harmonic(_))).filter_map(of).collect()
 }
 
 fn halves(record: &Record<'_>, freq_hz: f64) -> Option<(f64, f64)> {

@@ -80,8 +80,9 @@ fn hundred_thousand() -> u64 {
     100_000
 }
 
-/// Steps of the generator in a period of the fastest line, at least: the line is then held to 0.6 %, which the current shows.
-const STEPS_PER_PERIOD: usize = 16;
+/// Steps of the generator in a period of the fastest line, at least. The steps are no part of the record's band; across an inductance they are spikes, which a
+/// scope that leaves out samples folds back into it: with 16 steps by some per mille of the voltage.
+const STEPS_PER_PERIOD: usize = 64;
 /// Samples of the record in a period of the fastest line, at least.
 const SAMPLES_PER_PERIOD: f64 = 8.0;
 /// The scope rolls from here on, s.

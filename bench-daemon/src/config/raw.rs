@@ -4,8 +4,8 @@ use analysis::{dataset::Role, diagnosis::BenchHistory};
 use serde::Deserialize;
 
 use super::quantity::{
-    Angle, Capacitance, Charge, Current, Duration, Frequency, Inductance, Power, Quantity, Resistance, Share, Temperature, TemperatureDifference,
-    Voltage, VoltageSlope,
+    Angle, Capacitance, Charge, Current, Duration, Frequency, Inductance, Power, Quantity, Resistance, Share, Temperature,
+    TemperatureDifference, Voltage, VoltageSlope,
 };
 
 /// An experiment: what is to be done with which cell on which bench.

@@ -146,7 +146,8 @@ fn of_power(power_w: f64, duration_s: f64, least_v: f64) -> Segment {
 /// Rows of current or power and duration under the header `current_a,duration_s` or `power_w,duration_s`.
 fn table(source: &Source, least_v: f64) -> Result<Vec<Segment>, ConfigError> {
     const HEADERS: [&str; 2] = ["current_a,duration_s", "power_w,duration_s"];
-    let complain = |line: usize, reason: String| ConfigError::Field { path: source.path().to_owned(), line, field: HEADERS[0].to_owned(), reason };
+    let complain =
+        |line: usize, reason: String| ConfigError::Field { path: source.path().to_owned(), line, field: HEADERS[0].to_owned(), reason };
     let mut lines = source.text().lines().enumerate().map(|(index, line)| (index + 1, line.trim()));
     let found = lines.next().map_or("", |(_, line)| line);
     let Some(header) = HEADERS.iter().position(|header| *header == found) else {

@@ -65,7 +65,7 @@ pub struct SweepPoint {
     pub beside: Beside,
     /// What is odd about it.
     pub warnings: Vec<String>,
-    /// Bench time at which its record was fetched, s.
+    /// Bench time of the middle of its record, s, to a period and a half.
     pub time_s: f64,
     /// Records that were taken of it.
     pub captures: usize,
@@ -95,8 +95,17 @@ impl Executor<'_> {
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
             let waveforms = self.capture(eis, (freq_hz, wait_s), fixture).await?;
-            let (attempt_in_all, time_s) = (taken + attempt, self.clock.now_s());
-            let file = CaptureFile { fixture, repeat: self.repeat, index, attempt: attempt_in_all, freq_hz, amplitude_a, start_s: time_s };
+            let length_s = waveforms[0].interval_s * waveforms[0].codes.len() as f64;
+            let (attempt_in_all, time_s) = (taken + attempt, self.stopped_s - 0.5 * length_s);
+            let file = CaptureFile {
+                fixture,
+                repeat: self.repeat,
+                index,
+                attempt: attempt_in_all,
+                freq_hz,
+                amplitude_a,
+                start_s: self.clock.now_s(),
+            };
             self.recorder.capture(&file, &waveforms)?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
@@ -164,6 +173,7 @@ impl Executor<'_> {
         self.wait_watching(wait_s, fixture).await?;
         let scope = require(&mut self.bench.scope, "scope")?;
         scope.stop().await.map_err(&error)?;
+        self.stopped_s = self.clock.now_s();
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
             waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, points).await.map_err(&error)?);

@@ -126,7 +126,7 @@ fn what_the_bench_cannot_play_or_hold_is_refused_in_words() {
         (
             "base = \"5 Hz\"",
             "base = \"0.2 Hz\"",
-            "multisine.bands.stop: expected at most 204.8 Hz, which the generator's 16384 steps of a period allow, found 300 Hz",
+            "multisine.bands.stop: expected at most 51.2 Hz, which the generator's 16384 steps of a period allow, found 300 Hz",
         ),
     ] {
         let met = refused(from, to);
