@@ -13,7 +13,7 @@ use crate::spectrum::{ChannelPhasors, Covariance2, PhasorVariance, SpectrumError
 /// Fewest periods: less leaves no bins between the harmonics worth the name.
 const FEWEST_PERIODS: usize = 3;
 /// How far the record may be from whole periods, as a share of a sample.
-const WHOLE: f64 = 0.01;
+const WHOLE: f64 = 0.05;
 
 /// Why a record cannot be analysed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -164,23 +164,54 @@ fn noise(bins: &[Complex64], harmonic: usize, periods: usize) -> f64 {
     0.5 * sum / count
 }
 
+/// Detection lines on either side whose mean square tells what lies on an excited line besides its own.
+const BESIDE: usize = 2;
+
+/// The phasors at the excited lines with the variance of what odd powers, and whatever else comes again with every period, put onto them: it is not seen at
+/// the lines themselves, and as large there as at the odd harmonics beside them that were left out. It counts for the voltage across the jig.
+pub fn with_distortion(fit: &MultisineFit) -> Vec<ChannelPhasors> {
+    let known = quotients(fit);
+    let found: Vec<(f64, (f64, f64))> = fit.odd.iter().map(|p| (p.freq_hz, rest(p, &known))).collect();
+    let widened = |p: &ChannelPhasors| {
+        let after = found.partition_point(|(freq_hz, _)| *freq_hz < p.freq_hz);
+        let near = &found[after.saturating_sub(BESIDE)..(after + BESIDE).min(found.len())];
+        let count = near.len().max(1) as f64;
+        let excess = near.iter().map(|(_, (value, variance))| value * value - variance).sum::<f64>() / count;
+        let more = Covariance2::circular(0.25 * excess.max(0.0));
+        let mut widened = *p;
+        for slot in [2, 3] {
+            widened.variance[slot].noise = widened.variance[slot].noise + more;
+        }
+        widened
+    };
+    fit.excited.iter().map(widened).collect()
+}
+
+/// (V₄ − V₃)/(V₂ − V₁) at the excited lines.
+fn quotients(fit: &MultisineFit) -> Vec<(f64, Complex64)> {
+    fit.excited.iter().map(|p| (p.freq_hz, (p.volts[3] - p.volts[2]) / (p.volts[1] - p.volts[0]))).collect()
+}
+
+/// What the current there does not explain of the voltage at a detection line: magnitude, V, and variance by noise, V².
+fn rest(p: &ChannelPhasors, known: &[(f64, Complex64)]) -> (f64, f64) {
+    let per_volt = between(known, p.freq_hz);
+    let [v1, v2, v3, v4] = p.volts;
+    let [n1, n2, n3, n4] = p.totals();
+    let variance = n3 + n4 + (n1 + n2).scaled(per_volt);
+    ((v4 - v3 - per_volt * (v2 - v1)).norm(), variance.re_re + variance.im_im)
+}
+
 /// What every excited line says of noise and distortion. What the current itself has at the neighbours passes through the impedance there, which is taken
 /// straight between the excited lines over ln f; the rest is the system's.
 pub fn nonlinear(fit: &MultisineFit) -> Vec<Line> {
-    let quotient = |p: &ChannelPhasors| (p.volts[3] - p.volts[2]) / (p.volts[1] - p.volts[0]);
-    let known: Vec<(f64, Complex64)> = fit.excited.iter().map(|p| (p.freq_hz, quotient(p))).collect();
-    let rest = |p: &ChannelPhasors| {
-        let per_volt = between(&known, p.freq_hz);
-        let [v1, v2, v3, v4] = p.volts;
-        let [n1, n2, n3, n4] = p.totals();
-        let variance = n3 + n4 + (n1 + n2).scaled(per_volt);
-        ((v4 - v3 - per_volt * (v2 - v1)).norm(), variance.re_re + variance.im_im)
-    };
+    let known = quotients(fit);
     let line = |p: &ChannelPhasors| {
         let amplitude = (p.volts[3] - p.volts[2]).norm();
         let near = |lines: &[ChannelPhasors], reach: f64| {
             let close = lines.iter().filter(|other| (other.freq_hz - p.freq_hz).abs() < (reach + 0.5) * fit.base_hz);
-            close.map(rest).fold((0.0_f64, 0.0_f64), |(most, variance), (value, square)| (most.max(value), variance.max(square)))
+            close
+                .map(|other| rest(other, &known))
+                .fold((0.0_f64, 0.0_f64), |(most, variance), (value, square)| (most.max(value), variance.max(square)))
         };
         let (even, odd) = (near(&fit.even, 1.0), near(&fit.odd, 2.0));
         let [_, _, n3, n4] = p.totals();
@@ -302,6 +333,20 @@ mod tests {
         assert!(!linear.iter().any(Line::is_distorted), "{linear:#?}");
         assert!(squared.iter().any(Line::is_distorted) && most(&squared, |l| l.even) > 10.0 * most(&squared, |l| l.odd), "{squared:#?}");
         assert!(cubed.iter().any(Line::is_distorted) && most(&cubed, |l| l.odd) > 10.0 * most(&cubed, |l| l.even), "{cubed:#?}");
+    }
+
+    #[test]
+    fn distortion_widens_the_uncertainty_to_what_it_does_and_noise_does_not() {
+        let ratio = |case: &Case| -> f64 {
+            let fit = analysed(case, 3);
+            let wide = with_distortion(&fit);
+            let widest = MultisineFit { excited: wide, ..fit.clone() };
+            let squares = |fit: &MultisineFit| off(fit).iter().map(|(error, sigma)| (error.norm() / sigma).powi(2)).sum::<f64>() / 8.0;
+            assert!(squares(&widest) < 4.0, "{}", squares(&widest));
+            squares(&fit) / squares(&widest)
+        };
+        assert!(ratio(&Case { noise_v: 1.0e-3, square: 0.0, cube: 0.0, drift_v: 0.0 }) < 3.0);
+        assert!(ratio(&Case { noise_v: 1.0e-5, square: 0.0, cube: 60.0, drift_v: 0.0 }) > 10.0);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! One band of a multisine: the wave goes into the generator, the scope rolls over whole periods of it, the record becomes one point per line.
 
 use analysis::{
-    multisine::{Line, analyse, nonlinear},
+    multisine::{Line, analyse, nonlinear, with_distortion},
     spectrum::ChannelPhasors,
 };
 use instruments::{
@@ -134,7 +134,7 @@ impl Executor<'_> {
             measures: Measures::default(),
             failing: Vec::new(),
         };
-        Ok(fit.excited.iter().enumerate().map(point).collect())
+        Ok(with_distortion(&fit).iter().enumerate().map(point).collect())
     }
 
     fn check_line(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {

@@ -61,7 +61,7 @@ fn there_and_back_cancels_what_a_cell_changes_linearly() {
     };
     let (once, both) = (spread(""), spread("compensate_drift = true"));
     // Up alone, the points of one sweep are of different cells.
-    assert!(once > 4.0e-3 && both < 0.25 * once, "once {once}, there and back {both}");
+    assert!(once > 4.0e-3 && both < 0.3 * once, "once {once}, there and back {both}");
 }
 
 #[test]
