@@ -175,6 +175,52 @@ impl Bench {
         })
     }
 
+    /// The instruments that can move charge, not yet connected to: switching off and asking connect each of them by itself, so that one that
+    /// cannot be reached does not keep the others from being switched off. Sends nothing.
+    ///
+    /// # Errors
+    /// [`BenchError::Dialect`].
+    pub fn unconnected(config: &config::Bench, connections: &Connections) -> Result<Self, BenchError> {
+        let instruments = &config.instruments;
+        let channel = u16::from(config.wiring.generator_channel);
+        Ok(Self {
+            supply4q: unconnected(connections, "supply4q", supply4q::DIALECTS, instruments.supply4q.as_ref())?,
+            generator: unconnected(connections, "generator", generator::DIALECTS, instruments.generator.as_ref())?
+                .map(|generator| generator.on_channels(vec![channel])),
+            scope: None,
+            load: unconnected(connections, "load", load::DIALECTS, instruments.load.as_ref())?,
+            supply: unconnected(connections, "supply", supply::DIALECTS, instruments.supply.as_ref())?,
+            chiller: None,
+            logger: None,
+            jig: None,
+            clock: connections.clock.clone(),
+            command_offset_v: config.wiring.command_offset_v,
+            models: instruments.addressed().into_iter().map(|(role, instrument)| (role, instrument.clone())).collect(),
+        })
+    }
+
+    /// A new connection to each instrument that can move charge and has none.
+    ///
+    /// # Errors
+    /// The first that cannot be reached.
+    pub async fn connect(&mut self) -> Result<(), BenchError> {
+        macro_rules! connect {
+            ($role:literal, $field:ident) => {
+                if let Some(instrument) = self.$field.as_mut()
+                    && instrument.link_mut().is_dropped()
+                {
+                    let reconnected = instrument.link_mut().reconnect().await;
+                    reconnected.map_err(|source| wrap($role, self.models.get($role).map_or("", |known| known.model.as_str()), source))?;
+                }
+            };
+        }
+        connect!("supply4q", supply4q);
+        connect!("generator", generator);
+        connect!("load", load);
+        connect!("supply", supply);
+        Ok(())
+    }
+
     /// Asks every instrument who it is; changes nothing. What is not the configured model is marked, not refused.
     ///
     /// # Errors
@@ -239,13 +285,36 @@ impl Bench {
         Err(failures)
     }
 
+    /// Voltage, V, and current, A, that each instrument which can move charge reads now. A generator has no meter.
+    pub async fn read_back(&mut self) -> Vec<(&'static str, Result<(f64, f64), BenchError>)> {
+        let mut found = Vec::new();
+        macro_rules! read {
+            ($role:literal, $field:ident) => {
+                if let Some(instrument) = self.$field.as_mut() {
+                    let read = instrument.measure().await.map(|(volts, amps)| (volts.value(), amps.value()));
+                    found.push(($role, read.map_err(|source| wrap($role, self.model($role), source))));
+                }
+            };
+        }
+        read!("supply4q", supply4q);
+        read!("load", load);
+        read!("supply", supply);
+        found
+    }
+
     async fn try_safe(&mut self) -> Vec<BenchError> {
         let offset = Volts(self.command_offset_v);
         let (generator, supply4q, clock) = (&mut self.generator, &mut self.supply4q, &self.clock);
         let driven = async move {
             let quiet = match generator.as_mut() {
                 // Not worth waiting for long: what drives the cell is the supply.
-                Some(generator) => clock.deadline(QUIET_DEADLINE, generator.quiet(offset)).await.is_ok_and(|quiet| quiet.is_ok()),
+                Some(generator) => {
+                    let quiet = async {
+                        fresh(generator).await;
+                        generator.quiet(offset).await
+                    };
+                    clock.deadline(QUIET_DEADLINE, quiet).await.is_ok_and(|quiet| quiet.is_ok())
+                }
                 None => true,
             };
             let supply = match supply4q.as_mut() {
@@ -327,6 +396,19 @@ async fn open<D: Model + ?Sized>(
     Ok(Some(Instrument::new(link(connections, role, instrument, dialect.profile()).await?, dialect)))
 }
 
+/// The same without a connection.
+fn unconnected<D: Model + ?Sized>(
+    connections: &Connections,
+    role: &'static str,
+    dialects: &[&'static D],
+    instrument: Option<&config::Instrument>,
+) -> Result<Option<Instrument<D>>, BenchError> {
+    let Some(instrument) = instrument else { return Ok(None) };
+    let dialect = by_key(dialects, &instrument.model).ok_or_else(|| BenchError::Dialect { role, model: instrument.model.clone() })?;
+    let link = Link::unconnected(options(connections, role, instrument, dialect.profile()));
+    Ok(Some(Instrument::new(link, dialect)))
+}
+
 fn recognises<D: Model + ?Sized>(instrument: &Instrument<D>, identity: &Identity) -> bool {
     instrument.dialect().recognises(identity)
 }
@@ -348,13 +430,17 @@ async fn link(
     instrument: &config::Instrument,
     profile: LinkProfile,
 ) -> Result<Link, BenchError> {
-    let options = LinkOptions {
+    let opened = Link::open(options(connections, role, instrument, profile)).await;
+    opened.map_err(|source| wrap(role, &instrument.model, source))
+}
+
+fn options(connections: &Connections, role: &'static str, instrument: &config::Instrument, profile: LinkProfile) -> LinkOptions {
+    LinkOptions {
         name: role.to_owned(),
         address: instrument.address.clone(),
         profile,
         clock: connections.clock.clone(),
         hub: connections.hub.clone(),
         tap: connections.taps.get(role).cloned().unwrap_or_else(Tap::none),
-    };
-    Link::open(options).await.map_err(|source| wrap(role, &instrument.model, source))
+    }
 }

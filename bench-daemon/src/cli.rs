@@ -8,16 +8,21 @@ use crate::terminal::remark;
 use crate::{
     command::{self, Failure},
     logging::{self, Verbosity},
+    wishes::Course,
 };
 
 const EXAMPLES: &str = "\
 Examples:
   The whole job on the built-in simulated bench, in seconds:
     eis-bench run configs/experiments/demo.toml
+  Go on with a run that died, in its folder:
+    eis-bench resume runs/thesis
   What would be done, and for how long, without touching anything:
     eis-bench plan configs/experiments/thesis.toml
   Who answers at the configured addresses; changes nothing:
     eis-bench identify configs/benches/thesis.toml
+  Switch a bench off, now, whoever runs it:
+    eis-bench safe configs/benches/thesis.toml
   The simulated instruments on real ports, until Ctrl-C:
     eis-bench mock configs/benches/demo.toml --json
   Fit the extended Randles model to spectra from anywhere:
@@ -48,6 +53,9 @@ Exit codes:
   4  the fixture check failed: the bench is not to be believed
   5  the interlock tripped, or a cell was found in the jig where a control belongs
   6  safe state could not be verified: LOOK AT THE BENCH
+  7  the bench is latched after a trip: look at it, then `eis-bench clear BENCH`
+  8  another process runs the bench, or the guardian of an earlier run is still at work on it
+  9  the guardian cannot be started or was lost; the bench was brought into safe state
   130  stopped by Ctrl-C, Ctrl-Z, SIGTERM or the end of the terminal; the bench was brought into safe state";
 
 /// Runs a battery test bench and turns what it measures into a model that a robot can trust.
@@ -65,12 +73,29 @@ struct Cli {
 enum Command {
     /// Run an experiment: fixture check, SOC reset, sweep, fits, report.
     Run(RunArgs),
+    /// Go on with a run that died or was stopped, in its folder, at the next unfinished point.
+    Resume(ResumeArgs),
+    /// Ask a run in another terminal to wait without any current, from the next point on.
+    Pause(command::wish::FolderArgs),
+    /// Ask a paused run to go on.
+    GoOn(command::wish::FolderArgs),
+    /// Ask a run to end in safe state at the next point.
+    Abort(command::wish::FolderArgs),
+    /// Ask a campaign to play the named runs next.
+    Reorder(command::wish::ReorderArgs),
     /// Print what an experiment would do, step by step, with its duration. Touches nothing.
     Plan(PlanArgs),
     /// Serve the simulated instruments of a bench on real ports until stopped.
     Mock(MockArgs),
     /// Ask every instrument of a bench who it is. Changes nothing on any of them.
     Identify(IdentifyArgs),
+    /// Switch a bench off, whoever runs it, and print what was read back.
+    Safe(command::safe::SafeArgs),
+    /// Show why a bench is latched, and let it run again after a person has looked.
+    Clear(command::clear::ClearArgs),
+    /// Watch over the process that started it; a run does that by itself.
+    #[command(hide = true)]
+    Guardian(command::guardian::GuardianArgs),
     /// Fit the extended Randles model, or any equivalent circuit, to spectra.
     Fit(FitArgs),
     /// Size a pack of cells, or run a profile through packs of cells that differ.
@@ -109,6 +134,16 @@ pub struct RunArgs {
     /// Another seed than the experiment's, for the simulation and the fits' searches.
     #[arg(long)]
     pub seed: Option<u64>,
+}
+
+/// Arguments of `resume`.
+#[derive(Debug, Args)]
+pub struct ResumeArgs {
+    /// The run folder.
+    pub folder: PathBuf,
+    /// Play a step again although nobody knows which charge it moved before: the cell was looked at and brought to its state by hand.
+    #[arg(long)]
+    pub accept_charge: bool,
 }
 
 /// Arguments of `plan`.
@@ -198,9 +233,17 @@ pub fn main() -> ExitCode {
     });
     let result = match cli.command {
         Command::Run(args) => command::run::run(&args),
+        Command::Resume(args) => command::resume::resume(&args),
+        Command::Pause(args) => command::wish::wish(&args, Course::Pause),
+        Command::GoOn(args) => command::wish::wish(&args, Course::GoOn),
+        Command::Abort(args) => command::wish::wish(&args, Course::Abort),
+        Command::Reorder(args) => command::wish::reorder(&args),
         Command::Plan(args) => command::plan::plan(&args),
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),
+        Command::Safe(args) => command::safe::safe(&args),
+        Command::Clear(args) => command::clear::clear(&args),
+        Command::Guardian(args) => command::guardian::guardian(&args),
         Command::Fit(args) => command::fit::fit(&args),
         Command::Pack(args) => command::pack::pack(&args),
         Command::Kk(args) => command::kk::kk(&args),
@@ -237,6 +280,8 @@ mod tests {
             "plan",
             "mock",
             "identify",
+            "safe",
+            "clear",
             "fit",
             "kk",
             "ocv",

@@ -3,12 +3,17 @@
 
 mod beside;
 mod dc;
+mod entrance;
 mod error;
 mod gate;
+mod heed;
 mod leg;
 mod multisine;
 mod sine;
 mod trace;
+mod watch;
+
+use std::sync::Arc;
 
 use analysis::{calibration::Correction, multisine::Line};
 use instruments::{
@@ -20,15 +25,17 @@ use instruments::{
 };
 
 pub use beside::{Bend, Beside};
+pub use entrance::Entrance;
 pub use error::ExecuteError;
 pub use sine::SweepPoint;
 
 use crate::{
     bench::{Bench, BenchError},
     config::{self, Experiment},
-    interlock::{self, Limits, NO_CURRENT_A, Reading},
+    interlock::{Interlock, NO_CURRENT_A, Reading},
+    journal::Entry,
     operator::Operator,
-    plan::{Purpose, Stage, Step, fixture_name},
+    plan::{Purpose, Specimen, Stage, Step, fixture_name},
     progress::Progress,
     record::Recorder,
 };
@@ -39,10 +46,6 @@ const POLL_S: f64 = 1.0;
 const IDLE_CURRENT_A: f64 = 0.2;
 /// With every output off a control shows less than this, V: thermal voltages, and the zero error of a meter. Any cell shows more.
 const CONTROL_IDLE_V: f64 = 0.2;
-/// The gain error of a meter, as part of a step's envelope.
-const METER_GAIN: f64 = 1.1;
-/// A temperature is read with every so many readings.
-const TEMPERATURE_EVERY: u32 = 10;
 
 /// Executes stages on a bench.
 pub struct Executor<'a> {
@@ -71,10 +74,12 @@ pub struct Executor<'a> {
     /// Level of the trigger; follows the signal.
     trigger_v: Volts,
     /// What the step in work may expose the cell to.
-    envelope: Limits,
+    interlock: Interlock,
     polls: u32,
-    /// What was clamped into the jig last.
-    mounted: Option<Fixture>,
+    /// What was clamped into the jig last, and which of the cells it was, where there are several.
+    mounted: Option<(Fixture, Option<Arc<Specimen>>)>,
+    /// The cell that is in use, where there are several.
+    specimen: Option<Arc<Specimen>>,
     /// Number of the sweep, 0 for a control.
     repeat: usize,
     /// Points that the scope's memory was last set to.
@@ -95,6 +100,8 @@ pub struct Executor<'a> {
     reset: dc::Reset,
     /// What went into measuring points of the sweep again.
     spent: gate::Spent,
+    /// The chiller was started here, and is to go on running.
+    chiller_runs: bool,
 }
 
 /// The event from which on current may flow.
@@ -121,9 +128,10 @@ impl<'a> Executor<'a> {
             verticals: [None; 4],
             applied: [None; 4],
             trigger_v: Volts(0.0),
-            envelope: experiment.cell.limits,
+            interlock: Interlock::new(experiment.cell.interlock, experiment.cell.limits, experiment.bench.instruments.logger.is_some()),
             polls: 0,
             mounted: None,
+            specimen: None,
             repeat: 0,
             memory_points: None,
             zero: None,
@@ -134,93 +142,111 @@ impl<'a> Executor<'a> {
             stopped_s: 0.0,
             reset: dc::Reset::default(),
             spent: gate::Spent::default(),
+            chiller_runs: false,
         }
     }
 
-    /// Executes one stage; `on_point` gets every finished point as soon as its capture is on disk.
+    /// Executes one stage, given with its number in the plan, from where `entrance` says; `on_point` gets every finished point as soon as it and its
+    /// capture are on disk. Returns all points, those that were there before included.
     ///
     /// # Errors
     /// The first thing that went wrong. The outputs may then still be on.
     pub async fn stage(
         &mut self,
-        stage: &Stage,
+        (number, stage): (usize, &Stage),
+        entrance: &Entrance<'_>,
         on_point: &mut dyn FnMut(&mut Recorder, &SweepPoint) -> Result<(), ExecuteError>,
     ) -> Result<Vec<SweepPoint>, ExecuteError> {
         tracing::info!("stage: {}", stage.purpose);
+        self.recorder.journal(Entry::Stage { stage: number })?;
         self.recorder.event(&stage.purpose.to_string())?;
-        let mut points = Vec::new();
+        let mut points: Vec<SweepPoint> = Vec::new();
         let mut fixture = Fixture::Cell;
         self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose { repeat } else { 0 };
         self.spent = gate::Spent::default();
         self.reset = dc::Reset::default();
-        for step in &stage.steps {
-            if self.reset.accepted {
-                break;
+        for (index, step) in stage.steps.iter().enumerate() {
+            if let Some(known) = entrance.point(index) {
+                points.push(known.point.clone());
             }
+            if self.reset.accepted || !entrance.plays(stage, (index, step)) {
+                continue;
+            }
+            self.heed(stage, (index, fixture)).await?;
             tracing::info!("step: {step}");
+            self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string() })?;
             self.recorder.event(&step.to_string())?;
             self.progress.begin(&stage.purpose.to_string(), step);
-            self.set_envelope(fixture, step);
+            self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
+            if let Step::Mount(other) = *step {
+                fixture = other;
+            }
             match *step {
-                Step::Mount(other) => {
-                    fixture = other;
-                    self.mount(other).await?;
+                Step::Recheck { .. } => {
+                    for at in self.recheck(fixture, stage, &mut points).await? {
+                        // The later entry of a step counts.
+                        self.recorder.point((number, at.0), self.idle, &points[at.1])?;
+                    }
+                    self.recorder.journal(Entry::Done { stage: number, step: index })?;
                 }
-                Step::HoldTemperature { .. } => self.hold_temperature(step).await?,
-                Step::Discharge { .. } => self.discharge(step).await?,
-                Step::Charge { .. } => self.charge(step).await?,
-                Step::Rest { .. } => self.rest(step).await?,
-                Step::Accept { band_v, missed } => self.accept(band_v, missed)?,
-                Step::Leg(leg) => self.leg(&leg).await?,
-                Step::PowerUp { compliance_v, limit_a, .. } => {
-                    let limits = supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) };
-                    self.power_up(fixture, &limits).await?;
+                Step::Multisine(ref band) => {
+                    points.extend(self.multisine(band).await?);
+                    self.recorder.journal(Entry::Done { stage: number, step: index })?;
                 }
-                Step::Sine { .. } => {
-                    let point = self.gated(fixture, step).await?;
-                    on_point(self.recorder, &point)?;
-                    points.push(point);
+                _ => {
+                    if let Some(point) = self.play(fixture, step).await? {
+                        self.recorder.point((number, index), self.idle, &point)?;
+                        on_point(self.recorder, &point)?;
+                        points.push(point);
+                    } else {
+                        self.recorder.journal(Entry::Done { stage: number, step: index })?;
+                    }
                 }
-                Step::Multisine(ref band) => points.extend(self.multisine(band).await?),
-                Step::Recheck { .. } => self.recheck(fixture, stage, &mut points).await?,
-                Step::Pause { span_s } => self.pause(span_s).await?,
-                Step::Zero(ref trace) => self.zero(trace).await?,
-                Step::Trace(ref trace) => self.trace(trace).await?,
-                Step::PowerDown => self.power_down().await?,
             }
             self.progress.end(step);
+        }
+        if let Some(first) = entrance.points.first() {
+            // The sweep began when its first point did.
+            self.idle = first.idle;
         }
         Ok(points)
     }
 
-    /// What may flow during a step is far less than what the cell could bear.
-    fn set_envelope(&mut self, fixture: Fixture, step: &Step) {
-        let mut cell = self.experiment.cell.limits;
-        if fixture != Fixture::Cell {
-            cell = cell.of_control();
+    /// Plays one step; a sine gives a point.
+    async fn play(&mut self, fixture: Fixture, step: &Step) -> Result<Option<SweepPoint>, ExecuteError> {
+        match *step {
+            Step::Specimen(ref specimen, _) => self.insert(specimen).await?,
+            Step::Mount(_) => self.mount(fixture).await?,
+            Step::HoldTemperature { .. } => self.hold_temperature(step).await?,
+            Step::Discharge { .. } => self.discharge(step).await?,
+            Step::Charge { .. } => self.charge(step).await?,
+            Step::Rest { .. } => self.rest(step).await?,
+            Step::PowerUp { .. } => self.power(fixture, step).await?,
+            Step::Accept { band_v, missed } => self.accept(band_v, missed)?,
+            Step::Leg(leg) => self.leg(&leg).await?,
+            Step::Sine { .. } => return self.gated(fixture, step).await.map(Some),
+            // They give several points, or change those that are there.
+            Step::Multisine(_) | Step::Recheck { .. } => {}
+            Step::Pause { span_s } => self.pause(span_s).await?,
+            Step::Zero(ref trace) => self.zero(trace).await?,
+            Step::Trace(ref trace) => self.trace(trace).await?,
+            Step::PowerDown => self.power_down().await?,
         }
-        let drawn = |amps: f64| METER_GAIN * amps + NO_CURRENT_A;
-        self.envelope = match *step {
-            Step::Discharge { current_a, .. } => cell.bounded(NO_CURRENT_A, drawn(current_a)),
-            Step::Charge { current_a, .. } => cell.bounded(drawn(current_a), NO_CURRENT_A),
-            Step::Leg(leg) => {
-                let (charge_a, discharge_a) = leg.most_a();
-                cell.bounded(drawn(charge_a), drawn(discharge_a))
-            }
-            Step::PowerUp { limit_a, .. } => cell.bounded(limit_a, limit_a),
-            // Between power-up and power-down the limit of the power-up holds.
-            Step::Sine { .. } | Step::Multisine(_) | Step::Recheck { .. } | Step::PowerDown => self.envelope,
-            Step::Trace(ref trace) => {
-                let (least_a, greatest_a) = trace.extremes_a();
-                self.envelope.bounded(drawn(greatest_a), drawn(-least_a))
-            }
-            Step::Mount(_)
-            | Step::Accept { .. }
-            | Step::Pause { .. }
-            | Step::Zero(_)
-            | Step::HoldTemperature { .. }
-            | Step::Rest { .. } => cell.bounded(NO_CURRENT_A, NO_CURRENT_A),
-        };
+        Ok(None)
+    }
+
+    /// Takes another cell into use. Where a person does it, they are asked when it is to be clamped.
+    async fn insert(&mut self, specimen: &Arc<Specimen>) -> Result<(), ExecuteError> {
+        self.bench.safe_state().await.map_err(first)?;
+        let error = self.bench.error("jig");
+        if let Some(jig) = self.bench.jig.as_mut() {
+            jig.insert(specimen.number).await.map_err(error)?;
+        }
+        if self.specimen.replace(specimen.clone()).as_ref() != Some(specimen) {
+            // What traces have left is in the other cell.
+            self.charge_c = 0.0;
+        }
+        Ok(())
     }
 
     async fn mount(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
@@ -242,16 +268,24 @@ impl<'a> Executor<'a> {
                 mounted.map_err(self.bench.error("jig"))?;
             }
             // Whoever put it there need not be asked again.
-            (Some(config::Jig::Person), _) if self.mounted == Some(fixture) => {}
-            (Some(config::Jig::Person), _) => self.operator.mount(fixture).await?,
+            (Some(config::Jig::Person), _) if self.mounted == Some((fixture, self.specimen.clone())) => {}
+            (Some(config::Jig::Person), _) => {
+                let _person = self.clock.wait(None);
+                self.operator.mount(fixture, self.specimen.as_deref()).await?;
+            }
             // Without a jig only the cell is ever asked for: it is what is in there.
             _ => {}
         }
-        self.mounted = Some(fixture);
+        self.mounted = Some((fixture, self.specimen.clone()));
         if fixture == Fixture::Short {
             self.refuse_a_cell("after mounting the short").await?;
         }
         Ok(())
+    }
+
+    async fn power(&mut self, fixture: Fixture, step: &Step) -> Result<(), ExecuteError> {
+        let Step::PowerUp { compliance_v, limit_a, .. } = *step else { return Ok(()) };
+        self.power_up(fixture, &supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) }).await
     }
 
     async fn power_up(&mut self, fixture: Fixture, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
@@ -274,8 +308,9 @@ impl<'a> Executor<'a> {
         }
         let scope_error = self.bench.error("scope");
         if let Some(eis) = &self.experiment.eis {
-            let memory_points = eis.memory_points;
             let scope = require(&mut self.bench.scope, "scope")?;
+            // What cannot be thinned out before it is sent is not taken in the first place.
+            let memory_points = if scope.capabilities().thins_out { eis.memory_points } else { eis.record_points };
             scope.set(&instruments::scope::Intent::Session { memory_points }).await.map_err(scope_error)?;
             self.memory_points = Some(memory_points);
         }
@@ -311,71 +346,6 @@ impl<'a> Executor<'a> {
         let error = self.bench.error("generator");
         require(&mut self.bench.generator, "generator")?.safe().await.map_err(error)?;
         Ok(())
-    }
-
-    /// Waits, reading and judging the bipolar supply all the while.
-    async fn wait_watching(&mut self, seconds: f64, fixture: Fixture) -> Result<(), ExecuteError> {
-        let end_s = self.clock.now_s() + seconds;
-        loop {
-            let left_s = end_s - self.clock.now_s();
-            if left_s <= 0.0 {
-                return Ok(());
-            }
-            self.clock.sleep_s(left_s.min(POLL_S)).await;
-            self.watch("sine", fixture).await?;
-        }
-    }
-
-    /// One reading of the bipolar supply, judged.
-    async fn watch(&mut self, phase: &str, fixture: Fixture) -> Result<Reading, ExecuteError> {
-        let reading = self.read_supply4q().await?;
-        self.recorder.reading(phase, &reading)?;
-        // The thermocouple is on the cell, which lies outside the jig while a control is in it, before anything has brought it to a temperature.
-        let temperature_c = reading.temperature_c.filter(|_| fixture == Fixture::Cell);
-        match interlock::judge(&self.envelope, &Reading { temperature_c, ..reading }) {
-            Some(trip) if fixture != Fixture::Cell => Err(trip.of_control().into()),
-            Some(trip) => Err(trip.into()),
-            None => Ok(reading),
-        }
-    }
-
-    async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
-        let error = self.bench.error("supply4q");
-        let (mut volts, amps) = require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?;
-        // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at the jig.
-        let error = self.bench.error("load");
-        if let Some(load) = self.bench.load.as_mut() {
-            volts = load.measure().await.map_err(error)?.0;
-        }
-        let temperature_c = self.temperature_now_and_then().await?;
-        Ok(Reading { time_s: self.clock.now_s(), voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
-    }
-
-    /// The cell's temperature with every tenth reading.
-    async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
-        self.polls = self.polls.wrapping_add(1);
-        if self.polls.is_multiple_of(TEMPERATURE_EVERY) { self.cell_temperature().await } else { Ok(None) }
-    }
-
-    /// The cell's temperature; nothing on a bench without a logger. An open thermocouple is a reading that is no number, and trips.
-    async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
-        let error = self.bench.error("logger");
-        let Some(logger) = self.bench.logger.as_mut() else { return Ok(None) };
-        if !self.logger_ready {
-            logger.configure().await.map_err(&error)?;
-            self.logger_ready = true;
-        }
-        let readings = logger.scan().await.map_err(error)?;
-        self.last_c = Some(readings.first().copied().flatten().map_or(f64::NAN, |celsius| celsius.value()));
-        Ok(self.last_c)
-    }
-
-    fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
-        self.recorder.reading(phase, &reading)?;
-        match interlock::judge(&self.envelope, &reading) {
-            Some(trip) => Err(trip.into()),
-            None => Ok(()),
-        }
     }
 }
 

@@ -1,4 +1,9 @@
-//! What the cell may be exposed to, and whether a reading leaves it. Pure: readings in, a trip or nothing out.
+//! What the cell may be exposed to, and whether a reading leaves it. Pure: readings in, a trip or nothing out. [`judge`] looks at one reading,
+//! [`Interlock`] also at those before it: rates, charge, age, and values that do not move.
+
+mod history;
+
+pub use history::{Allowance, Interlock, Settings};
 
 /// Limits of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -24,15 +29,16 @@ impl Limits {
         Self { charge_a: self.charge_a.min(charge_a), discharge_a: self.discharge_a.min(discharge_a), ..self }
     }
 
-    /// The same for a control in the place of the cell: copper has no voltage, and a cell in its place has more than this.
+    /// The same for a control in the place of the cell: copper has no voltage, and a cell in its place has more than this. The thermocouple stays
+    /// on the cell, which lies beside the jig and may be as cold as it likes.
     #[must_use]
     pub fn of_control(self) -> Self {
-        Self { min_v: -CONTROL_V, max_v: CONTROL_V, ..self }
+        Self { min_v: -CONTROL_V, max_v: CONTROL_V, min_c: f64::NEG_INFINITY, ..self }
     }
 }
 
 /// What was read at one time; what an instrument does not tell is `None`.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Reading {
     /// Bench time, s.
     pub time_s: f64,
@@ -44,33 +50,45 @@ pub struct Reading {
     pub temperature_c: Option<f64>,
 }
 
-/// A reading that left the limits.
+/// Why the interlock ends a run.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{what} {value:.4} {unit} left its limits ({least} {unit} to {greatest} {unit}) at {time_s:.1} s")]
-pub struct Trip {
-    /// The quantity.
-    pub what: &'static str,
-    /// What was read.
-    pub value: f64,
-    /// Its unit.
-    pub unit: &'static str,
-    /// Lower limit.
-    pub least: f64,
-    /// Upper limit.
-    pub greatest: f64,
-    /// Bench time, s.
-    pub time_s: f64,
+pub enum Trip {
+    /// A quantity that left its limits.
+    #[error("{what} {value:.4} {unit} left its limits ({least} {unit} to {greatest} {unit}) at {time_s:.1} s")]
+    Limit {
+        /// The quantity.
+        what: &'static str,
+        /// What was read.
+        value: f64,
+        /// Its unit.
+        unit: &'static str,
+        /// Lower limit.
+        least: f64,
+        /// Upper limit.
+        greatest: f64,
+        /// Bench time, s.
+        time_s: f64,
+    },
+    /// The chiller does not do what it was started for.
+    #[error("chiller: expected it to run without an alarm, found `{said}` at {time_s:.1} s")]
+    Chiller {
+        /// Its status.
+        said: String,
+        /// Bench time, s.
+        time_s: f64,
+    },
 }
 
 impl Trip {
     /// The same in words that fit a control in the place of the cell.
     #[must_use]
     pub fn of_control(self) -> Self {
-        let what = match self.what {
-            CELL_VOLTAGE => "voltage across a control (is the cell in the jig?)",
+        match self {
+            Self::Limit { what: CELL_VOLTAGE, value, unit, least, greatest, time_s } => {
+                Self::Limit { what: "voltage across a control (is the cell in the jig?)", value, unit, least, greatest, time_s }
+            }
             other => other,
-        };
-        Self { what, ..self }
+        }
     }
 }
 
@@ -91,7 +109,7 @@ pub fn judge(limits: &Limits, reading: &Reading) -> Option<Trip> {
     ];
     checks.into_iter().find_map(|(what, value, unit, least, greatest)| {
         let value = value?;
-        (!(least..=greatest).contains(&value)).then_some(Trip { what, value, unit, least, greatest, time_s: reading.time_s })
+        (!(least..=greatest).contains(&value)).then_some(Trip::Limit { what, value, unit, least, greatest, time_s: reading.time_s })
     })
 }
 
@@ -125,6 +143,9 @@ mod tests {
         let across = |volts| judge(&control, &Reading { voltage_v: Some(volts), ..Reading::default() });
         assert_eq!((across(0.0), across(-0.9)), (None, None));
         assert_eq!((control.charge_a, control.discharge_a), (13.5, 45.0));
+        // A cell that lies beside the jig may be cold, but not hot.
+        let beside = |celsius| judge(&control, &Reading { temperature_c: Some(celsius), ..Reading::default() });
+        assert!(beside(-20.0).is_none() && beside(61.0).is_some());
         for volts in [1.1, 3.72, -3.72, f64::NAN] {
             let trip = across(volts).map(|trip| trip.of_control().to_string()).unwrap_or_default();
             assert!(trip.starts_with("voltage across a control (is the cell in the jig?) ") && trip.contains("(-1 V to 1 V)"), "{trip}");

@@ -1,18 +1,22 @@
 //! The daemon of a battery test bench: decides, records, reports. The only crate that knows configuration files and the command line.
 //!
 //! In reading order: [`config`] (files → a checked experiment), [`procedure`] (experiment → [`plan`]), [`interlock`] (reading → trip), [`mod@bench`] (the
-//! named instruments), [`executor`] (plan → instruments → records), [`record`] (the run folder), [`dataset`] (runs of a campaign as a diagnosis wants them), [`sim`] (a simulated world behind mocks),
+//! named instruments), [`state`] (what outlives a process), [`guardian`] (a second process that can only switch off), [`custody`] (lock, latch and guardian around a run), [`executor`] (plan → instruments → records), [`record`] (the run folder), [`dataset`] (runs of a campaign as a diagnosis wants them), [`sim`] (a simulated world behind mocks),
 //! [`investigation`] (campaign, diagnosis, and the run that it asks for), [`command`] (what the command line does).
 
 pub mod bench;
 pub mod cli;
 pub mod command;
 pub mod config;
+pub mod custody;
 pub mod dataset;
+pub mod drill;
 pub mod executor;
 pub mod fixture_check;
+pub mod guardian;
 pub mod interlock;
 pub mod investigation;
+pub mod journal;
 pub mod logging;
 pub mod next_experiment;
 pub mod operator;
@@ -21,7 +25,11 @@ pub mod present;
 pub mod procedure;
 pub mod progress;
 pub mod quality;
+pub mod reconcile;
 pub mod record;
 pub mod sim;
+pub mod state;
+pub mod story;
 pub mod study;
 pub mod terminal;
+pub mod wishes;

@@ -60,7 +60,7 @@ pub fn start(verbosity: Verbosity) {
 /// A file that cannot be made.
 pub fn log_to(path: &Path, clock: &Clock) -> io::Result<()> {
     let _ = BENCH_CLOCK.set(clock.clone());
-    let file = File::create(path)?;
+    let file = File::options().append(true).create(true).open(path)?;
     if let Ok(mut log) = RUN_LOG.lock() {
         *log = Some(Arc::new(file));
     }

@@ -4,7 +4,7 @@ use std::io::{BufRead, IsTerminal};
 
 use instruments::mock::plant::Fixture;
 
-use crate::terminal::remark;
+use crate::{plan::Specimen, terminal::remark};
 
 /// A person who could not be asked, or did not confirm.
 #[derive(Debug, thiserror::Error)]
@@ -32,15 +32,15 @@ impl Operator {
         if std::io::stdin().is_terminal() { Self::Terminal } else { Self::Nobody }
     }
 
-    /// Asks for a fixture and waits until it is confirmed. Every output is off.
+    /// Asks for a fixture, for a certain cell where there are several, and waits until it is confirmed. Every output is off.
     ///
     /// # Errors
     /// Nobody there; not confirmed.
-    pub async fn mount(&self, fixture: Fixture) -> Result<(), OperatorError> {
+    pub async fn mount(&self, fixture: Fixture, specimen: Option<&Specimen>) -> Result<(), OperatorError> {
         if *self == Self::Nobody {
             return Err(OperatorError::NoTerminal);
         }
-        let text = request(fixture);
+        let text = request(fixture, specimen);
         // Waiting for a person blocks a thread of its own; the bench is off meanwhile.
         let ask = move || {
             let mut line = String::new();
@@ -62,20 +62,28 @@ impl Operator {
 }
 
 /// What is asked for. A control begins with taking the cell out: a bar or a copper dummy clamped across a cell is a dead short.
-fn request(fixture: Fixture) -> &'static str {
-    match fixture {
-        Fixture::Cell => "Clamp the cell into the jig, nothing else beside it, voltage probes C3 (−) and C4 (+) on its Kelvin contacts.",
-        Fixture::Shunt => {
+fn request(fixture: Fixture, specimen: Option<&Specimen>) -> String {
+    let text = match (fixture, specimen) {
+        (Fixture::Cell, None) => {
+            "Clamp the cell into the jig, nothing else beside it, voltage probes C3 (−) and C4 (+) on its Kelvin contacts."
+        }
+        (Fixture::Cell, Some(specimen)) => {
+            return format!(
+                "Clamp {specimen} into the jig, no other cell and nothing else beside it, voltage probes C3 (−) and C4 (+) on its Kelvin contacts."
+            );
+        }
+        (Fixture::Shunt, _) => {
             "Take the cell out of the jig. Close the current path there with copper (the fake cell, or a short bar) and put the voltage probes \
              C3 and C4 on the shunt, beside C1 and C2."
         }
-        Fixture::FakeCell => {
+        (Fixture::FakeCell, _) => {
             "Take the cell out of the jig. Clamp the fake cell in its place, voltage probes C3 (−) and C4 (+) on its Kelvin contacts."
         }
-        Fixture::Short => {
+        (Fixture::Short, _) => {
             "Take the cell out of the jig. Clamp the short bar in its place, voltage probes C3 (−) and C4 (+) on its Kelvin contacts."
         }
-    }
+    };
+    text.to_owned()
 }
 
 #[cfg(test)]
@@ -85,9 +93,11 @@ mod tests {
     #[test]
     fn a_control_is_asked_for_without_the_cell_and_the_shunt_without_a_fake_cell_that_may_not_exist() {
         for control in [Fixture::Shunt, Fixture::FakeCell, Fixture::Short] {
-            assert!(request(control).starts_with("Take the cell out of the jig. "), "{}", request(control));
+            assert!(request(control, None).starts_with("Take the cell out of the jig. "), "{}", request(control, None));
         }
-        assert!(request(Fixture::Cell).starts_with("Clamp the cell into the jig"));
-        assert!(request(Fixture::Shunt).contains("or a short bar"));
+        assert!(request(Fixture::Cell, None).starts_with("Clamp the cell into the jig"));
+        assert!(request(Fixture::Shunt, None).contains("or a short bar"));
+        let specimen = Specimen { number: 2, name: "B".to_owned(), serial: Some("P45B-17".to_owned()) };
+        assert!(request(Fixture::Cell, Some(&specimen)).starts_with("Clamp cell B (serial number P45B-17) into the jig, no other cell"));
     }
 }

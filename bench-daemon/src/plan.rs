@@ -1,7 +1,9 @@
 //! What is to be done, as data: stages of steps, each with an upper bound in time, checked before anything is energised.
 
+mod crash;
 mod leg;
 mod multisine;
+mod specimen;
 mod trace;
 
 use std::{fmt, sync::Arc};
@@ -9,8 +11,12 @@ use std::{fmt, sync::Arc};
 use instruments::mock::plant::Fixture;
 
 use crate::interlock::Limits;
+pub use crash::AfterCrash;
 pub use leg::{Flow, Leg, Log};
 pub use multisine::Band;
+pub use specimen::Specimen;
+#[cfg(test)]
+pub(crate) use trace::test_trace;
 pub use trace::{Frame, LONGEST_FRAME_S, Level, TracePlan};
 
 /// A plan.
@@ -49,6 +55,8 @@ pub enum Purpose {
 /// One step.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
+    /// One of the cells of a campaign is taken into use, for the run with this number; every output is off.
+    Specimen(Arc<Specimen>, usize),
     /// Something else is clamped into the jig; every output is off.
     Mount(Fixture),
     /// The chiller holds a temperature, and the cell is waited for.
@@ -239,7 +247,7 @@ impl Step {
         };
         let needs_off = || if powered { Err("expected the bipolar supply to be down".to_owned()) } else { Ok(()) };
         match *self {
-            Self::Mount(_) | Self::HoldTemperature { .. } | Self::Pause { .. } | Self::Zero(_) => needs_off()?,
+            Self::Specimen(..) | Self::Mount(_) | Self::HoldTemperature { .. } | Self::Pause { .. } | Self::Zero(_) => needs_off()?,
             Self::Trace(ref trace) => {
                 if !powered {
                     return Err("expected the bipolar supply to be up".to_owned());
@@ -311,7 +319,7 @@ impl Step {
     /// Expected duration, bench s.
     pub fn expected_s(&self) -> f64 {
         match *self {
-            Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => OVERHEAD_S,
+            Self::Specimen(..) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => OVERHEAD_S,
             Self::HoldTemperature { max_s, .. } => 0.2 * max_s,
             Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } => 0.2 * max_s,
             Self::Rest { min_s, max_s, .. } => 0.5 * (min_s + max_s),
@@ -329,7 +337,7 @@ impl Step {
     /// Longest possible duration, bench s.
     pub fn longest_s(&self) -> f64 {
         match *self {
-            Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => 60.0,
+            Self::Specimen(..) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => 60.0,
             Self::HoldTemperature { max_s, .. } | Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } | Self::Rest { max_s, .. } => {
                 max_s
             }
@@ -364,6 +372,7 @@ impl fmt::Display for Purpose {
 impl fmt::Display for Step {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
+            Self::Specimen(ref specimen, run) => write!(f, "run {run}: take {specimen}"),
             Self::Mount(fixture) => write!(f, "mount {}", fixture_name(fixture)),
             Self::HoldTemperature { setpoint_c, within_k, max_s } => {
                 write!(f, "hold {setpoint_c} °C, wait until the cell is within {within_k} K, at most {}", minutes(max_s))

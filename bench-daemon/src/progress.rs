@@ -1,8 +1,14 @@
 //! What the person watching sees: a bar with the time left.
 
-use std::{cell::Cell, io::IsTerminal};
+use std::{
+    cell::Cell,
+    io::IsTerminal,
+    sync::{Arc, Mutex, PoisonError},
+};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use instruments::mock::plant::Fixture;
 
 use crate::{
     plan::{Plan, Step},
@@ -15,6 +21,31 @@ pub struct Progress {
     bar: ProgressBar,
     terminal: bool,
     stage: Cell<u64>,
+    doing: Doing,
+}
+
+/// What is being done at the moment; clones tell the same, also on other threads.
+#[derive(Debug, Clone, Default)]
+pub struct Doing(Arc<Mutex<Now>>);
+
+/// The step in work.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Now {
+    /// In words; empty before the first.
+    pub step: String,
+    /// What is in the jig, where it is known.
+    pub fixture: Option<Fixture>,
+}
+
+impl Doing {
+    /// What is being done now.
+    pub fn now(&self) -> Now {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn set(&self, change: impl FnOnce(&mut Now)) {
+        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+    }
 }
 
 impl Progress {
@@ -25,17 +56,27 @@ impl Progress {
         if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  left {eta:>4}  {msg}") {
             bar.set_style(style);
         }
-        Self { bar, terminal, stage: Cell::new(0) }
+        Self { bar, terminal, stage: Cell::new(0), doing: Doing::default() }
     }
 
     /// No output at all.
     pub fn hidden() -> Self {
-        Self { bar: ProgressBar::hidden(), terminal: true, stage: Cell::new(0) }
+        Self { bar: ProgressBar::hidden(), terminal: true, stage: Cell::new(0), doing: Doing::default() }
+    }
+
+    /// What is being done, for whoever wants to know it later.
+    pub fn doing(&self) -> &Doing {
+        &self.doing
     }
 
     /// A step begins.
     pub fn begin(&self, stage: &str, step: &Step) {
         self.bar.set_message(format!("{stage}: {step}"));
+        self.doing.set(|now| {
+            now.step = step.to_string();
+            // Nobody knows what is in the jig while it is being changed.
+            now.fixture = now.fixture.filter(|_| !matches!(step, Step::Mount(_)));
+        });
         let known = stage.bytes().fold(1_u64, |hash, byte| hash.wrapping_mul(31).wrapping_add(u64::from(byte)));
         if !self.terminal && self.stage.replace(known) != known {
             remark!("{stage} …");
@@ -44,6 +85,9 @@ impl Progress {
 
     /// A step ended.
     pub fn end(&self, step: &Step) {
+        if let Step::Mount(fixture) = *step {
+            self.doing.set(|now| now.fixture = Some(fixture));
+        }
         self.bar.inc(milliseconds(step.expected_s()));
     }
 

@@ -39,7 +39,7 @@ pub struct Quality {
 }
 
 /// What a record says of its own quality.
-#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Measures {
     /// Greatest share of clipped samples of a channel.
     pub clipped: f64,
@@ -53,11 +53,42 @@ pub struct Measures {
     pub repeatability: Option<(f64, f64)>,
 }
 
+/// What is judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Criterion {
+    /// Clipped samples.
+    Clipped,
+    /// Noise and rounding.
+    Noise,
+    /// Harmonics.
+    Distortion,
+    /// Drift of the voltage.
+    Drift,
+    /// The halves of the record.
+    Repeatability,
+    /// The point in its sweep.
+    KramersKronig,
+}
+
+impl std::fmt::Display for Criterion {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Clipped => "clipped samples",
+            Self::Noise => "noise",
+            Self::Distortion => "distortion",
+            Self::Drift => "drift",
+            Self::Repeatability => "difference of the halves",
+            Self::KramersKronig => "Kramers–Kronig residual",
+        })
+    }
+}
+
 /// A number that is too large.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Failing {
     /// What it is.
-    pub criterion: &'static str,
+    pub criterion: Criterion,
     /// The number, as a share.
     pub value: f64,
     /// Its limit.
@@ -76,9 +107,6 @@ impl std::fmt::Display for Failing {
     }
 }
 
-/// The criterion of the finished sweep.
-const KRAMERS_KRONIG: &str = "Kramers–Kronig residual";
-
 impl Quality {
     /// What of a record is too much.
     pub fn judge(&self, measures: &Measures) -> Vec<Failing> {
@@ -90,26 +118,26 @@ impl Quality {
                 failing.push(Failing { criterion, value: value.0, limit });
             }
         };
-        check("clipped samples", (measures.clipped, 0.0), 0.0);
-        check("noise", (measures.noise, 0.0), self.noise);
-        check("distortion", measures.distortion, self.distortion);
-        check("drift", (measures.drift, 0.0), self.drift);
+        check(Criterion::Clipped, (measures.clipped, 0.0), 0.0);
+        check(Criterion::Noise, (measures.noise, 0.0), self.noise);
+        check(Criterion::Distortion, measures.distortion, self.distortion);
+        check(Criterion::Drift, (measures.drift, 0.0), self.drift);
         if let Some(halves) = measures.repeatability {
-            check("difference of the halves", halves, self.repeatability);
+            check(Criterion::Repeatability, halves, self.repeatability);
         }
         failing
     }
 
     /// The residual of a point in the finished sweep, where it is too much.
     pub fn judge_residual(&self, share: f64) -> Option<Failing> {
-        (share > self.kramers_kronig).then_some(Failing { criterion: KRAMERS_KRONIG, value: share, limit: self.kramers_kronig })
+        (share > self.kramers_kronig).then_some(Failing { criterion: Criterion::KramersKronig, value: share, limit: self.kramers_kronig })
     }
 }
 
 impl Failing {
     /// It is of the finished sweep, not of the record.
     pub fn is_of_sweep(&self) -> bool {
-        self.criterion == KRAMERS_KRONIG
+        self.criterion == Criterion::KramersKronig
     }
 }
 

@@ -5,7 +5,11 @@
 //! `captures/FIXTURE/…parquet` raw ADC codes · `raw_FIXTURE.csv` impedances before correction · `correction.json` · `spectrum.csv`, `.parquet` ·
 //! `spectrum_2.csv` … further sweeps · `series_TRACE_REPEAT.bdf.csv` traces · `traces.json` which sweeps and traces there are, and under which
 //! circumstances they were measured · `budget.csv`, `.json` ·
-//! `model_Nrc.json` · `plots/` · `report.html` · `transcripts/` every message · `log.txt`.
+//! `model_Nrc.json` · `plots/` · `report.html` · `transcripts/` every message · `log.txt` · `journal.jsonl` what was intended and what was done, from
+//! which a run that died goes on.
+
+mod names;
+mod reopen;
 
 use std::{
     fs::{self, File},
@@ -14,14 +18,21 @@ use std::{
 };
 
 use analysis::{
-    dataset::{self, Capture, CaptureMeta, ChannelMeta, DatasetError, LegRow, RunIndex, SeriesRow, SweepEntry, TraceEntry, TraceRow},
-    sine::CodeScale,
+    dataset::{self, Capture, DatasetError, LegRow, RunIndex, SeriesRow, SweepEntry, TraceEntry, TraceRow},
     spectrum::ImpedancePoint,
 };
 use instruments::{clock::Clock, mock::plant::Fixture, scope::Waveform, transcript::Tap};
 use serde::Serialize;
 
-use crate::{interlock::Reading, plan::fixture_name};
+pub use names::sweep_name;
+pub(crate) use names::{capture_of, code_scale};
+
+use crate::{
+    drill::Drill,
+    executor::SweepPoint,
+    interlock::Reading,
+    journal::{Entry, Journal, JournalError, PointDone},
+};
 
 /// The index of sweeps and traces.
 const INDEX: &str = "traces.json";
@@ -42,6 +53,19 @@ pub enum RecordError {
     /// A table.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
+    /// The journal.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// A file of the folder is not what the journal says of it.
+    #[error("{path}: expected {expected}, found {found}", path = path.display())]
+    Differs {
+        /// The file.
+        path: PathBuf,
+        /// What it should be.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
     /// The folder is already in use.
     #[error("{path}: expected a new or empty folder, found files in it; choose another with --out", path = path.display())]
     NotEmpty {
@@ -73,6 +97,10 @@ pub struct CaptureFile {
 pub struct Recorder {
     folder: PathBuf,
     clock: Clock,
+    journal: Journal,
+    drill: Drill,
+    /// Captures of the point in work, with their SHA-256.
+    fresh: Vec<(String, String)>,
     events: BufWriter<File>,
     readings: BufWriter<File>,
     series: Vec<SeriesRow>,
@@ -95,6 +123,7 @@ impl Recorder {
             let path = folder.join(part);
             fs::create_dir_all(&path).map_err(io(&path, "cannot be made"))?;
         }
+        let journal = Journal::create(folder, &clock)?;
         let mut events = create(&folder.join("events.csv"))?;
         let mut readings = create(&folder.join("readings.csv"))?;
         line(&mut events, &folder.join("events.csv"), "time_s,event")?;
@@ -102,6 +131,9 @@ impl Recorder {
         Ok(Self {
             folder: folder.to_owned(),
             clock,
+            journal,
+            drill: Drill::none(),
+            fresh: Vec::new(),
             events,
             readings,
             series: Vec::new(),
@@ -121,13 +153,37 @@ impl Recorder {
         self.folder.join(name)
     }
 
-    /// A tap that writes one instrument's conversation.
+    /// From now on the journal and the transcripts are points of a crash drill.
+    pub fn drill(&mut self, drill: &Drill) {
+        self.drill = drill.clone();
+        self.journal.drill(drill.clone());
+    }
+
+    /// A tap that writes one instrument's conversation, behind what is there.
     ///
     /// # Errors
     /// A file that cannot be made.
     pub fn tap(&self, role: &str) -> Result<Tap, RecordError> {
         let path = self.path("transcripts").join(format!("{role}.txt"));
-        Ok(Tap::new(create(&path)?))
+        let file = File::options().append(true).create(true).open(&path).map_err(io(&path, "cannot be made"))?;
+        Ok(Tap::new(self.drill.transcript(BufWriter::new(file))))
+    }
+
+    /// Writes an entry into the journal; it is on disk when this returns.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn journal(&mut self, entry: Entry) -> Result<(), RecordError> {
+        Ok(self.journal.write(entry)?)
+    }
+
+    /// Writes a finished point of a sweep into the journal, with the captures since the point before it.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn point(&mut self, (stage, step): (usize, usize), idle: Reading, point: &SweepPoint) -> Result<(), RecordError> {
+        let files = std::mem::take(&mut self.fresh);
+        self.journal(Entry::Point(Box::new(PointDone { stage, step, files, idle, point: point.clone() })))
     }
 
     /// Writes down that something begins, before it does.
@@ -173,12 +229,19 @@ impl Recorder {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn capture(&self, file: &CaptureFile, waveforms: &[Waveform; 4]) -> Result<(), RecordError> {
+    pub fn capture(&mut self, file: &CaptureFile, waveforms: &[Waveform; 4]) -> Result<(), RecordError> {
         let name = sweep_name(file.fixture, file.repeat);
         let label = format!("{name} point {} attempt {} at {} A", file.index + 1, file.attempt + 1, file.amplitude_a);
         let again = if file.attempt == 0 { String::new() } else { format!("_again{}", file.attempt) };
         let point = format!("point{:02}_{:.6}Hz{again}", file.index + 1, file.freq_hz);
-        self.write_capture(&name, &point, &capture_of(label, file.freq_hz, file.start_s, waveforms))
+        self.write_capture(&name, &point, &capture_of(label, file.freq_hz, file.start_s, waveforms))?;
+        if file.attempt == 0 {
+            self.fresh.clear();
+        }
+        let relative = format!("captures/{name}/{point}.parquet");
+        let sha256 = reopen::sha256_of(&self.path(&relative))?;
+        self.fresh.push((relative, sha256));
+        Ok(())
     }
 
     /// Writes the raw codes of any frame, whole, into a folder of `captures`.
@@ -207,6 +270,11 @@ impl Recorder {
     /// A file that cannot be written.
     pub fn legs(&self, name: &str, rows: &[LegRow]) -> Result<(), RecordError> {
         Ok(dataset::write_legs_csv(&self.path(name), rows)?)
+    }
+
+    /// Takes a sweep that is not finished out of the index: its entry was written, but not its end in the journal.
+    pub fn forget_sweep(&mut self, file: &str) {
+        self.index.sweeps.retain(|entry| entry.file != file);
     }
 
     /// Enters a sweep whose file is whole into the index.
@@ -238,7 +306,11 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn spectrum_point(&self, name: &str, point: &ImpedancePoint) -> Result<(), RecordError> {
-        Ok(dataset::append_spectrum_csv(&self.path(name), point)?)
+        let path = self.path(name);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
+        }
+        Ok(dataset::append_spectrum_csv(&path, point)?)
     }
 
     /// Writes a spectrum again, whole or not at all, in the place of the points that were appended as they came.
@@ -274,8 +346,12 @@ impl Recorder {
 
     /// Remembers something odd for the report.
     pub fn warning(&mut self, text: &str) {
+        if self.warnings.iter().any(|known| known == text) {
+            return;
+        }
         // A folder that cannot be written ends the run at the next record; the warning itself is not worth it.
-        if let Err(error) = self.event(&format!("note: {text}")) {
+        let noted = self.journal(Entry::Note { text: text.to_owned() });
+        if let Err(error) = noted.and_then(|()| self.event(&format!("note: {text}"))) {
             tracing::error!("{error}");
         }
         self.warnings.push(text.to_owned());
@@ -286,6 +362,11 @@ impl Recorder {
         if let Err(error) = self.event(&format!("note: {sweep}, {freq_hz:.4} Hz: {text}")) {
             tracing::error!("{error}");
         }
+        self.known_point_warning(sweep, freq_hz, text);
+    }
+
+    /// As [`Self::point_warning`], for a point whose event was written when it was measured.
+    pub fn known_point_warning(&mut self, sweep: &str, freq_hz: f64, text: &str) {
         match self.point_warnings.iter_mut().find(|(known, _)| known == text) {
             Some((_, points)) => points.push((sweep.to_owned(), freq_hz)),
             None => self.point_warnings.push((text.to_owned(), vec![(sweep.to_owned(), freq_hz)])),
@@ -294,58 +375,8 @@ impl Recorder {
 
     /// What was odd.
     pub fn warnings(&self) -> Vec<String> {
-        let points = self.point_warnings.iter().map(|(text, points)| format!("{}: {text}", places(points)));
+        let points = self.point_warnings.iter().map(|(text, points)| format!("{}: {text}", names::places(points)));
         points.chain(self.warnings.iter().cloned()).collect()
-    }
-}
-
-/// Points of sweeps in words: each sweep once, its points counted where there are several.
-fn places(points: &[(String, f64)]) -> String {
-    let mut sweeps: Vec<(&str, Vec<f64>)> = Vec::new();
-    for (sweep, freq_hz) in points {
-        match sweeps.iter_mut().find(|(known, _)| known == sweep) {
-            Some((_, freqs_hz)) => freqs_hz.push(*freq_hz),
-            None => sweeps.push((sweep, vec![*freq_hz])),
-        }
-    }
-    let words = sweeps.iter().map(|(sweep, freqs_hz)| match freqs_hz.as_slice() {
-        [freq_hz] => format!("{sweep}, {freq_hz:.4} Hz"),
-        several => {
-            let (least, greatest) =
-                several.iter().fold((f64::INFINITY, 0.0_f64), |(least, greatest), &freq_hz| (least.min(freq_hz), greatest.max(freq_hz)));
-            format!("{sweep}, {} points from {least:.4} Hz to {greatest:.4} Hz", several.len())
-        }
-    });
-    words.collect::<Vec<_>>().join("; ")
-}
-
-/// A sweep in names of files: a control is called after its fixture, a sweep of the cell too, and with its number from the second on.
-pub fn sweep_name(fixture: Fixture, repeat: usize) -> String {
-    let name = fixture_name(fixture);
-    match (fixture, repeat) {
-        (_, 0) | (Fixture::Cell, 1) => name.to_owned(),
-        (Fixture::Cell, number) => format!("{name}_{number}"),
-        (_, number) => format!("{name}_sweep_{number}"),
-    }
-}
-
-/// A frame of four channels as it is stored.
-pub(crate) fn capture_of(label: String, freq_hz: f64, start_s: f64, waveforms: &[Waveform; 4]) -> Capture {
-    let channel = |waveform: &Waveform| ChannelMeta { scale: code_scale(waveform), volts_per_div: waveform.preamble.volts_per_div };
-    let channels = waveforms.each_ref().map(channel);
-    let meta = CaptureMeta { label, freq_hz, interval_s: waveforms[0].interval_s, start_s, channels };
-    Capture { meta, codes: waveforms.each_ref().map(|waveform| waveform.codes.clone()) }
-}
-
-/// What a waveform's codes mean: on disk as in the fit.
-pub(crate) fn code_scale(waveform: &Waveform) -> CodeScale {
-    let preamble = &waveform.preamble;
-    CodeScale {
-        volts_per_code: preamble.volts_per_code,
-        offset_v: preamble.offset_v,
-        code_min: preamble.code_min,
-        code_max: preamble.code_max,
-        code_step: preamble.code_step,
     }
 }
 
@@ -365,13 +396,6 @@ fn io(path: &Path, what: &'static str) -> impl Fn(std::io::Error) -> RecordError
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn points_are_named_by_sweep_and_counted() {
-        let points = [("shunt", 300.0), ("cell", 0.1), ("cell", 10.0), ("cell", 0.5)].map(|(sweep, freq_hz)| (sweep.to_owned(), freq_hz));
-        assert_eq!(places(&points[..1]), "shunt, 300.0000 Hz");
-        assert_eq!(places(&points), "shunt, 300.0000 Hz; cell, 3 points from 0.1000 Hz to 10.0000 Hz");
-    }
 
     #[test]
     fn what_is_odd_about_several_points_is_said_once() {

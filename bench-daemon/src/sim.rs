@@ -2,13 +2,13 @@
 
 use std::{
     path::{Path, PathBuf},
-    sync::{Arc, Mutex},
+    sync::{Arc, Mutex, PoisonError},
 };
 
 use fixtures::{Scenario, SimulatedBench};
 use instruments::{
     clock::Clock,
-    mock::{self, MockOptions, plant::SharedPlant},
+    mock::{self, FaultLog, Happened, MockOptions, Schedule, plant::SharedPlant},
     transport::{Address, MemoryHub},
 };
 
@@ -50,6 +50,8 @@ pub enum SimError {
 #[derive(Clone)]
 pub struct Simulation {
     world: Arc<Mutex<SimulatedBench>>,
+    faults: Option<Schedule>,
+    happened: FaultLog,
 }
 
 /// Where a mock listens.
@@ -69,10 +71,28 @@ impl Simulation {
     /// # Errors
     /// The scenario file.
     pub fn new(path: &Path, seed: u64) -> Result<Self, SimError> {
-        let source = Source::read(path)?;
+        Self::of(&Source::read(path)?, seed)
+    }
+
+    /// As [`Simulation::new`], from a scenario that was read.
+    ///
+    /// # Errors
+    /// As [`Simulation::new`].
+    pub fn of(source: &Source, seed: u64) -> Result<Self, SimError> {
         let scenario: Scenario = source.parse()?;
         let world = SimulatedBench::new(&scenario, seed).map_err(|error| source.complain(&error.field, error.to_string()))?;
-        Ok(Self { world: Arc::new(Mutex::new(world)) })
+        Ok(Self { world: Arc::new(Mutex::new(world)), faults: None, happened: FaultLog::default() })
+    }
+
+    /// The same with faults between the instruments and whoever speaks to them.
+    #[must_use]
+    pub fn with_faults(self, faults: Option<Schedule>) -> Self {
+        Self { faults, ..self }
+    }
+
+    /// The faults that have happened.
+    pub fn happened(&self) -> Vec<Happened> {
+        self.happened.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// The world behind the mocks; only tests look at it.
@@ -136,6 +156,11 @@ impl Simulation {
 
     fn device(&self, role: &'static str, model: &str) -> Result<Box<dyn mock::Device>, SimError> {
         let plant: SharedPlant = self.world.clone();
-        mock::make(model, plant, &MockOptions::default()).map_err(|error| SimError::Model { role, reason: error.to_string() })
+        let options = MockOptions::default();
+        let made = match &self.faults {
+            Some(faults) => mock::make_troubled(model, (plant, &options), faults, &self.happened),
+            None => mock::make(model, plant, &options),
+        };
+        made.map_err(|error| SimError::Model { role, reason: error.to_string() })
     }
 }

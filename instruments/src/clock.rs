@@ -6,7 +6,14 @@
 //! The virtual clock is tokio's paused clock: exact as long as every stream is in-process, and wrong as soon as a real socket is in flight
 //! (tokio issue 4522), so the caller must refuse to combine the two. Its resolution is one millisecond.
 
-use std::{fmt, future::Future, str::FromStr, time::Duration};
+use std::{
+    collections::BTreeMap,
+    fmt,
+    future::Future,
+    str::FromStr,
+    sync::{Arc, Mutex, PoisonError},
+    time::Duration,
+};
 
 use tokio::time::Instant;
 
@@ -63,12 +70,71 @@ pub struct Elapsed(pub Duration);
 pub struct Clock {
     mode: TimeMode,
     start: Instant,
+    /// Bench time at the start, s.
+    origin_s: f64,
+    waits: Arc<Mutex<Waits>>,
+}
+
+/// What is being waited for on a clock, so that somebody else can tell waiting from hanging.
+#[derive(Debug, Default)]
+struct Waits {
+    next: u64,
+    /// When each wait is over at the latest; `None` for one without a bound.
+    under_way: BTreeMap<u64, Option<Instant>>,
+    ended: Option<Instant>,
+}
+
+/// Something is being waited for until this is dropped; see [`Clock::overdue_s`].
+#[derive(Debug)]
+pub struct Wait {
+    id: u64,
+    waits: Arc<Mutex<Waits>>,
+}
+
+impl Drop for Wait {
+    fn drop(&mut self) {
+        let mut waits = self.waits.lock().unwrap_or_else(PoisonError::into_inner);
+        waits.under_way.remove(&self.id);
+        waits.ended = Some(instant_now());
+    }
 }
 
 impl Clock {
     /// Starts a clock at bench time zero. Must be called inside a runtime made by [`Clock::runtime`] for the same mode.
     pub fn start(mode: TimeMode) -> Self {
-        Self { mode, start: instant_now() }
+        Self::start_at(mode, 0.0)
+    }
+
+    /// Starts a clock that goes on from another one's bench time, s. Otherwise as [`Clock::start`].
+    pub fn start_at(mode: TimeMode, origin_s: f64) -> Self {
+        Self { mode, start: instant_now(), origin_s, waits: Arc::default() }
+    }
+
+    /// Announces a wait of at most so long on the wall, or without a bound, until what is returned is dropped. Sleeps and deadlines announce
+    /// themselves.
+    pub fn wait(&self, at_most: Option<Duration>) -> Wait {
+        let mut waits = self.waits.lock().unwrap_or_else(PoisonError::into_inner);
+        let id = waits.next;
+        waits.next += 1;
+        let end = at_most.and_then(|at_most| instant_now().checked_add(at_most));
+        waits.under_way.insert(id, end);
+        Wait { id, waits: self.waits.clone() }
+    }
+
+    /// Seconds on the wall since the last wait ended, or should have ended; zero while one is under way within its bound. Whoever computes without
+    /// end, or waits for what never comes, is overdue.
+    pub fn overdue_s(&self) -> f64 {
+        let waits = self.waits.lock().unwrap_or_else(PoisonError::into_inner);
+        if waits.under_way.values().any(Option::is_none) {
+            return 0.0;
+        }
+        let latest = waits.under_way.values().flatten().copied().chain(waits.ended).max().unwrap_or(self.start);
+        instant_now().saturating_duration_since(latest).as_secs_f64()
+    }
+
+    /// Seconds on the wall since the start: for what does not run faster in scaled time, the machine itself and its ports.
+    pub fn machine_s(&self) -> f64 {
+        instant_now().duration_since(self.start).as_secs_f64()
     }
 
     /// The single-threaded runtime on which a clock of this mode runs; paused, and so deterministic, when the mode is virtual.
@@ -84,13 +150,14 @@ impl Clock {
         self.mode
     }
 
-    /// Bench time in seconds since the start.
+    /// Bench time, s.
     pub fn now_s(&self) -> f64 {
-        let elapsed = instant_now().duration_since(self.start).as_secs_f64();
-        match self.mode {
-            TimeMode::Scaled(factor) => elapsed * factor,
-            TimeMode::Real | TimeMode::Virtual => elapsed,
-        }
+        let elapsed = self.machine_s();
+        self.origin_s
+            + match self.mode {
+                TimeMode::Scaled(factor) => elapsed * factor,
+                TimeMode::Real | TimeMode::Virtual => elapsed,
+            }
     }
 
     /// Waits for `duration` of bench time.
@@ -99,6 +166,7 @@ impl Clock {
             TimeMode::Scaled(factor) => duration.div_f64(factor),
             TimeMode::Real | TimeMode::Virtual => duration,
         };
+        let _wait = self.wait(Some(wall));
         tokio_sleep(wall).await;
     }
 
@@ -115,6 +183,7 @@ impl Clock {
     /// # Errors
     /// [`Elapsed`] when the time ran out first; the future is dropped then.
     pub async fn deadline<F: Future>(&self, duration: Duration, future: F) -> Result<F::Output, Elapsed> {
+        let _wait = self.wait(Some(duration));
         tokio::time::timeout(duration, future).await.map_err(|_| Elapsed(duration))
     }
 }
@@ -153,6 +222,17 @@ mod tests {
     }
 
     #[test]
+    fn a_clock_goes_on_from_another_ones_time() {
+        let runtime = Clock::runtime(TimeMode::Virtual).unwrap();
+        let now_s = runtime.block_on(async {
+            let clock = Clock::start_at(TimeMode::Virtual, 120.5);
+            clock.sleep_s(2.0).await;
+            clock.now_s()
+        });
+        assert_eq!(now_s, 122.5);
+    }
+
+    #[test]
     fn a_scaled_clock_counts_faster_by_its_factor() {
         let runtime = Clock::runtime(TimeMode::Scaled(100.0)).unwrap();
         let now = runtime.block_on(async {
@@ -161,6 +241,34 @@ mod tests {
             clock.now_s()
         });
         assert!(now >= 1.0, "one bench second was slept, the clock says {now}");
+    }
+
+    #[test]
+    fn a_wait_within_its_bound_is_not_overdue_and_one_beyond_it_is() {
+        let runtime = Clock::runtime(TimeMode::Virtual).unwrap();
+        runtime.block_on(async {
+            let clock = Clock::start(TimeMode::Virtual);
+            // Time passes on another clock, which the first one does not hear of.
+            let other = Clock::start(TimeMode::Virtual);
+            other.sleep_s(3.0).await;
+            assert_eq!(clock.overdue_s(), 3.0);
+            let wait = clock.wait(Some(Duration::from_secs(5)));
+            other.sleep_s(4.0).await;
+            assert_eq!(clock.overdue_s(), 0.0);
+            // A shorter one beside it does not shorten it.
+            drop(clock.wait(Some(Duration::from_secs(1))));
+            assert_eq!(clock.overdue_s(), 0.0);
+            other.sleep_s(3.0).await;
+            assert_eq!(clock.overdue_s(), 2.0);
+            drop(wait);
+            assert_eq!(clock.overdue_s(), 0.0);
+            let person = clock.wait(None);
+            other.sleep_s(1.0e6).await;
+            assert_eq!(clock.overdue_s(), 0.0);
+            drop(person);
+            clock.sleep_s(2.0).await;
+            assert_eq!(clock.overdue_s(), 0.0);
+        });
     }
 
     #[test]

@@ -31,6 +31,13 @@ pub enum Exchange {
         /// The data.
         data: Vec<u8>,
     },
+    /// A command that the instrument answers by itself, as protocols with a confirmation do.
+    Ask {
+        /// The command.
+        message: String,
+        /// What the answer must be.
+        expect: Expect,
+    },
     /// Not sent: what was wanted cannot be written as a message, such as a number that is none. Playing it is an error.
     Refuse {
         /// The header of what was wanted.
@@ -193,6 +200,10 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
                 believe(link, read_back, expect, outcome).await?;
             }
             Exchange::Data { head, data } => link.send_data(head, data).await?,
+            Exchange::Ask { message, expect } => {
+                let answer = link.query(message).await?;
+                expect.judge(&answer).map_err(|expected| LinkError::unexpected(link.name(), message, &answer, &expected))?;
+            }
             Exchange::Refuse { message, reason } => {
                 return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason: reason.clone() });
             }
@@ -232,6 +243,31 @@ pub async fn play_all(link: &mut Link, script: &[Exchange]) -> Result<(), LinkEr
         outcome = outcome.and(played);
     }
     outcome
+}
+
+/// What an instrument says of itself.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Answer {
+    /// What was asked.
+    pub question: String,
+    /// What was answered.
+    pub answer: String,
+    /// It is what the script would have made it.
+    pub as_scripted: bool,
+}
+
+/// Asks the questions of a script and sends none of its commands: whether everything already is as the script would make it. Changes nothing.
+///
+/// # Errors
+/// The link's.
+pub async fn look(link: &mut Link, script: &[Exchange]) -> Result<Vec<Answer>, LinkError> {
+    let mut answers = Vec::new();
+    for exchange in script {
+        let Exchange::Set { read_back, expect, .. } = exchange else { continue };
+        let answer = link.query(read_back).await?;
+        answers.push(Answer { question: read_back.clone(), as_scripted: expect.judge(&answer).is_ok(), answer });
+    }
+    Ok(answers)
 }
 
 /// Takes out of the error queue what an earlier client or the power-up left there, which would else be taken for an answer to the first message.

@@ -56,9 +56,14 @@ impl Link {
     /// [`LinkError::Connect`], [`LinkError::ConnectTimeout`], or [`LinkError::VirtualTime`] for a real port in virtual time.
     pub async fn open(options: LinkOptions) -> Result<Self, LinkError> {
         let quiet = options.profile.quiet;
-        let mut link = Self { options, connection: None, why: "not connected yet".to_owned(), ready_at_s: f64::NEG_INFINITY };
+        let mut link = Self::unconnected(options);
         link.connect(quiet).await?;
         Ok(link)
+    }
+
+    /// A link without a connection, dropped until [`Link::reconnect`]: for an instrument that somebody else still talks to.
+    pub fn unconnected(options: LinkOptions) -> Self {
+        Self { options, connection: None, why: "not connected yet".to_owned(), ready_at_s: f64::NEG_INFINITY }
     }
 
     /// The instrument's name on this bench.

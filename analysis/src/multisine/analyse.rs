@@ -6,7 +6,7 @@
 
 use num_complex::Complex64;
 use rustfft::FftPlanner;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::spectrum::{ChannelPhasors, Covariance2, PhasorVariance, SpectrumError};
 
@@ -60,7 +60,7 @@ pub struct MultisineFit {
 }
 
 /// What one excited line says besides its impedance; amplitudes are those across the jig over that of the line.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Line {
     /// Frequency, Hz.
     pub freq_hz: f64,

@@ -31,7 +31,7 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
     Clock::runtime(mode)?.block_on(async {
         let mut stop = StopSignals::install()?;
         let clock = Clock::start(mode);
-        let simulation = Simulation::new(&section.scenario, args.seed)?;
+        let simulation = Simulation::new(&section.scenario, args.seed)?.with_faults(section.faults.clone());
         let served = simulation.serve_on_ports(&bench, &clock).await?;
         if let Some(path) = &args.write_bench {
             write_bench(path, &source, &served, mode)?;

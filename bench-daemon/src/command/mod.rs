@@ -1,11 +1,13 @@
 //! What the command line does, one file per command.
 
+pub mod clear;
 pub mod diagnose;
 pub mod effects;
 mod files;
 pub mod fit;
 pub mod fit_circuit;
 pub mod fit_more;
+pub mod guardian;
 pub mod identify;
 pub mod investigate;
 pub mod joint;
@@ -17,12 +19,18 @@ pub mod pack_simulate;
 pub mod pack_size;
 pub mod plan;
 pub mod profile_args;
+pub mod resume;
 pub mod run;
+pub mod safe;
 pub mod simulate;
 pub mod sop;
 pub mod study;
+pub mod wish;
 
-use crate::{bench::BenchError, config::ConfigError, executor::ExecuteError, plan::PlanError, record::RecordError, sim::SimError};
+use crate::{
+    bench::BenchError, config::ConfigError, executor::ExecuteError, guardian::GuardianError, plan::PlanError, record::RecordError,
+    sim::SimError, state::StateError,
+};
 
 /// Why a command ended without its result.
 #[derive(Debug, thiserror::Error)]
@@ -65,6 +73,12 @@ pub enum Failure {
         /// What went wrong before.
         cause: String,
     },
+    /// A bench that is in use, or latched, or whose state cannot be written.
+    #[error(transparent)]
+    State(StateError),
+    /// The guardian.
+    #[error(transparent)]
+    Guardian(#[from] GuardianError),
     /// A result that cannot be computed or drawn.
     #[error("{0}")]
     Analysis(String),
@@ -83,9 +97,15 @@ impl Failure {
             Self::Bench(_) | Self::Sim(SimError::Port { .. }) => 3,
             Self::Execute(ExecuteError::Trip(_) | ExecuteError::CellLeftIn { .. }) => 5,
             Self::Execute(ExecuteError::Record(_)) | Self::Record(_) | Self::Analysis(_) | Self::Panic(_) | Self::System(_) => 1,
+            Self::Execute(ExecuteError::Aborted) => 130,
             Self::Execute(_) => 3,
             Self::FixtureCheck(_) => 4,
             Self::Unsafe { .. } => 6,
+            Self::State(StateError::Latched { .. }) => 7,
+            Self::State(StateError::Busy { .. }) | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,
+            Self::State(StateError::Io { .. }) | Self::Guardian(GuardianError::State(_)) => 2,
+            Self::Guardian(GuardianError::Bench(_) | GuardianError::Refused(_)) => 3,
+            Self::Guardian(_) => 9,
             Self::Interrupted(_) => 130,
         }
     }

@@ -4,8 +4,11 @@
 //! state before this returns.
 
 mod drive;
+mod manifest;
 mod multisine;
+mod past;
 mod results;
+mod sweeping;
 
 use std::{
     collections::BTreeMap,
@@ -15,13 +18,13 @@ use std::{
 };
 
 use analysis::{calibration::Correction, spectrum::Spectrum};
+use drive::Before;
 use instruments::{
-    clock::{self, Clock, TimeMode},
+    clock::{Clock, TimeMode},
     mock::plant::Fixture,
-    transport::{Address, MemoryHub},
+    transport::MemoryHub,
 };
-use serde::Serialize;
-use sha2::{Digest, Sha256};
+pub(crate) use past::Past;
 use tokio::{
     runtime::Runtime,
     signal::unix::{Signal, SignalKind, signal},
@@ -33,8 +36,11 @@ use crate::{
     cli::RunArgs,
     command::Failure,
     config::{self, Experiment, load_experiment},
+    custody::{self, Custody},
+    drill::Drill,
     executor::SweepPoint,
     fixture_check::ControlResult,
+    journal::Entry,
     logging,
     operator::Operator,
     plan::Checked,
@@ -63,25 +69,6 @@ pub struct Measured {
     pub own_noise: Vec<Spectrum>,
     /// What multisines measured of the cell.
     pub multisines: Vec<MultisineRun>,
-}
-
-/// What ran, for whoever wants to run it again.
-#[derive(Debug, Serialize)]
-struct Manifest<'a> {
-    program: &'static str,
-    version: &'static str,
-    experiment: &'a str,
-    bench: &'a str,
-    cell: &'a config::Cell,
-    seed: u64,
-    time: String,
-    simulated: bool,
-    config_sha256: String,
-    files: BTreeMap<String, String>,
-    started_unix_s: Option<f64>,
-    instruments: &'a [Identified],
-    status: &'a str,
-    bench_time_s: f64,
 }
 
 /// Runs an experiment.
@@ -140,23 +127,62 @@ impl Session {
         self.runtime.as_ref().map_or(0.0, |runtime| runtime.block_on(async { self.clock.now_s() }))
     }
 
+    /// A bench on which a run goes on whose journal ends at a bench time, s.
+    ///
+    /// # Errors
+    /// As [`Session::new`].
+    pub(super) fn at(bench: &config::Bench, time_s: f64) -> Result<Self, Failure> {
+        let mut session = Self::new(bench)?;
+        if let Some(runtime) = &session.runtime {
+            session.clock = runtime.block_on(async { Clock::start_at(session.clock.mode(), time_s) });
+        }
+        Ok(session)
+    }
+
+    /// The simulated world behind the mocks, where there is one in this process and something was run on it, however it ended.
+    pub fn simulation(&self) -> Option<&Simulation> {
+        self.simulation.as_ref()
+    }
+
     /// Runs an experiment into a folder. One without controls of its own takes over the correction of the run before.
     ///
     /// # Errors
     /// As [`run`].
     pub fn run(&mut self, experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
+        self.play(experiment, folder, None)
+    }
+
+    /// Goes on with a run in its folder.
+    ///
+    /// # Errors
+    /// As [`run`].
+    pub(super) fn go_on(&mut self, experiment: &Experiment, folder: &Path, past: Past) -> Result<Finished, Failure> {
+        self.play(experiment, folder, Some(past))
+    }
+
+    fn play(&mut self, experiment: &Experiment, folder: &Path, past: Option<Past>) -> Result<Finished, Failure> {
         let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
         let operator = Operator::detect();
         refuse_without_person(experiment, operator)?;
         let Some(runtime) = &self.runtime else { return Err(Failure::Panic("the bench's session has ended".to_owned())) };
+        let inherited_world = self.simulation.is_some();
+        if !inherited_world {
+            self.simulation = simulated(experiment)?;
+        }
         let (clock, simulation) = (self.clock.clone(), self.simulation.clone());
         let inherited = self.correction.clone().filter(|_| experiment.fixture_check.is_none());
+        custody::refuse(&experiment.bench)?;
+        let drill = Drill::from_environment(experiment.bench.simulation.is_some()).map_err(Failure::Usage)?;
         let finished = runtime.block_on(async {
-            let recorder = Recorder::create(folder, clock.clone())?;
+            let mut recorder = match &past {
+                None => Recorder::create(folder, clock.clone())?,
+                Some(past) => Recorder::reopen(folder, clock.clone(), (&past.read, &past.story))?,
+            };
+            recorder.drill(&drill);
             logging::log_to(&recorder.path("log.txt"), &clock)?;
-            Box::pin(Run { experiment, plan: &plan, clock, operator, recorder, before: (simulation, inherited) }.go()).await
+            let before = (simulation, inherited);
+            Box::pin(Run { experiment, plan: &plan, clock, operator, recorder, before, inherited_world, past }.go()).await
         })?;
-        self.simulation.clone_from(&finished.simulation);
         self.correction = Some(finished.measured.correction.clone());
         Ok(finished)
     }
@@ -171,11 +197,24 @@ impl Drop for Session {
     }
 }
 
+/// The world behind in-process addresses; with addresses on real ports somebody else serves it.
+fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
+    let bench = &experiment.bench;
+    let Some(section) = bench.simulation.as_ref().filter(|_| bench.in_process()) else { return Ok(None) };
+    let read = experiment.sources.iter().find(|source| source.path() == section.scenario);
+    let simulation = match read {
+        Some(scenario) => Simulation::of(scenario, experiment.seed)?,
+        None => Simulation::new(&section.scenario, experiment.seed)?,
+    };
+    Ok(Some(simulation.with_faults(section.faults.clone())))
+}
+
 /// A sweep that begins with a person changing the fixture must not fail in the middle of the night for want of one.
 fn refuse_without_person(experiment: &Experiment, operator: Operator) -> Result<(), Failure> {
     let person = matches!(experiment.bench.instruments.jig, Some(config::Jig::Person));
+    let cells = experiment.campaign.as_ref().is_some_and(|campaign| campaign.cells.len() > 1);
     let shunt = experiment.eis.as_ref().is_some_and(|eis| eis.fixture == Fixture::Shunt && eis.repeat > 0);
-    if person && (experiment.fixture_check.is_some() || shunt) && operator == Operator::Nobody {
+    if person && (experiment.fixture_check.is_some() || shunt || cells) && operator == Operator::Nobody {
         return Err(Failure::Usage(crate::operator::OperatorError::NoTerminal.to_string()));
     }
     Ok(())
@@ -196,18 +235,25 @@ struct Run<'a> {
     clock: Clock,
     operator: Operator,
     recorder: Recorder,
-    /// What the runs before left: the simulated world, and the correction where it is to be kept.
+    /// The simulated world, and the correction where that of a run before is to be kept.
     before: (Option<Simulation>, Option<Correction>),
+    /// A run before has used this simulated world.
+    inherited_world: bool,
+    /// What was done of this run before its process died or was stopped.
+    past: Option<Past>,
 }
 
 impl Run<'_> {
     async fn go(mut self) -> Result<Finished, Failure> {
-        for source in &self.experiment.sources {
-            let name = source.path().file_name().map_or_else(|| "config.toml".into(), |name| name.to_string_lossy());
-            self.recorder.text(&format!("config/{}_{name}", folder_of(source.path())), source.text())?;
+        match &self.past {
+            None => self.begin()?,
+            Some(past) => past.tell(&mut self.recorder, self.plan.plan())?,
         }
         let hub = MemoryHub::new();
-        let simulation = self.simulate(&hub)?;
+        let simulation = self.before.0.take();
+        if let Some(simulation) = &simulation {
+            simulation.serve_in_process(&self.experiment.bench, &self.clock, &hub)?;
+        }
         let mut taps = BTreeMap::new();
         for (role, _) in self.experiment.bench.instruments.addressed() {
             taps.insert(role, self.recorder.tap(role)?);
@@ -217,33 +263,54 @@ impl Run<'_> {
         if self.experiment.bench.instruments.logger.is_none() {
             self.recorder.warning("nothing watches the cell's temperature: the bench has no logger");
         }
-        let mut bench = Bench::open(&self.experiment.bench, &connections).await?;
-        let identities = bench.identify_strictly().await?;
-        self.manifest(&identities, "running")?;
         let progress = Progress::new(self.plan.plan());
-        let (around, inherited) = ((&self.clock, &self.operator, &progress), self.before.1.take());
+        let mut custody = tokio::select! {
+            taken = Custody::take(self.experiment, self.recorder.folder(), (&self.clock, progress.doing())) => taken?,
+            () = stop.requested() => return Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+        };
+        let (mut bench, identities) = match self.open(&connections).await {
+            Ok(opened) => opened,
+            Err(failure) => return custody.end(Err(failure)).await,
+        };
+        let around = (&self.clock, &self.operator, &progress);
+        let before = Before { inherited: self.before.1.take(), past: self.past.as_ref() };
         let outcome = tokio::select! {
-            outcome = caught(drive::drive((&mut bench, &mut self.recorder), self.experiment, self.plan, around, inherited)) => outcome,
+            outcome = caught(drive::drive((&mut bench, &mut self.recorder), self.experiment, self.plan, around, before)) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+            lost = custody.lost() => Err(lost.into()),
         };
         progress.finish();
         let outcome = match caught(async { Ok(bench.safe_state().await) }).await {
             Ok(safe_state) => safe(safe_state, outcome),
             Err(panic) => Err(Failure::Unsafe { failures: panic.to_string(), cause: String::new() }),
         };
+        // What could not be switched off is left to the guardian, which needs the instruments for itself.
+        drop(bench);
+        let outcome = custody.end(outcome).await;
         for (role, tap) in &connections.taps {
             if let Some(error) = tap.take_error() {
                 self.recorder.warning(&format!("the transcript of {role} is incomplete: {error}"));
             }
         }
+        let happened = simulation.as_ref().map(Simulation::happened).unwrap_or_default();
+        if !happened.is_empty() {
+            self.recorder.warning(&format!("{} faults were played on the simulated instruments: faults.json", happened.len()));
+            self.recorder.json("faults.json", &happened)?;
+        }
         let readings = self.recorder.finish_readings();
         match outcome {
             Ok(measured) => {
-                let summary = readings
-                    .map_err(Failure::from)
-                    .and_then(|()| results::write(&mut self.recorder, self.experiment, &measured))
-                    .inspect_err(|failure| self.ended_early(&identities, "measured, but not evaluated", failure))?;
+                self.recorder.journal(Entry::Safe)?;
+                let summary = readings.map_err(Failure::from).and_then(|()| results::write(&mut self.recorder, self.experiment, &measured));
+                let summary = match summary {
+                    Ok(summary) => summary,
+                    Err(failure) => {
+                        self.ended_early(&identities, "measured, but not evaluated", &failure);
+                        return Err(failure);
+                    }
+                };
                 self.manifest(&identities, "finished")?;
+                self.recorder.journal(Entry::Ended { how: FINISHED.to_owned() })?;
                 Ok(Finished { measured, summary, simulation })
             }
             Err(failure) => {
@@ -253,51 +320,25 @@ impl Run<'_> {
         }
     }
 
+    /// Connects to the instruments, which must be the configured ones. Changes nothing on them.
+    async fn open(&mut self, connections: &Connections) -> Result<(Bench, Vec<Identified>), Failure> {
+        let mut bench = Bench::open(&self.experiment.bench, connections).await?;
+        let identities = bench.identify_strictly().await?;
+        self.manifest(&identities, "running")?;
+        if self.past.is_some() {
+            self.reconcile(&mut bench).await?;
+        }
+        Ok((bench, identities))
+    }
+
     /// The reason for the end outweighs a manifest that cannot be written.
-    fn ended_early(&self, identities: &[Identified], how: &str, failure: &Failure) {
+    fn ended_early(&mut self, identities: &[Identified], how: &str, failure: &Failure) {
         tracing::info!("{how}: {failure}");
-        if let Err(error) = self.manifest(identities, &format!("{how}: {failure}")) {
+        let told = self.manifest(identities, &format!("{how}: {failure}"));
+        let told = told.and(self.recorder.journal(Entry::Ended { how: format!("{how}: {failure}") }).map_err(Failure::from));
+        if let Err(error) = told {
             tracing::error!("{error}");
         }
-    }
-
-    /// The world behind in-process addresses; with addresses on real ports somebody else serves it.
-    fn simulate(&self, hub: &MemoryHub) -> Result<Option<Simulation>, Failure> {
-        let bench = &self.experiment.bench;
-        let in_process = bench.instruments.addressed().iter().any(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));
-        let Some(section) = bench.simulation.as_ref().filter(|_| in_process) else { return Ok(None) };
-        let known = self.before.0.clone();
-        let simulation = known.map_or_else(|| Simulation::new(&section.scenario, self.experiment.seed), Ok)?;
-        simulation.serve_in_process(bench, &self.clock, hub)?;
-        Ok(Some(simulation))
-    }
-
-    fn manifest(&self, instruments: &[Identified], status: &str) -> Result<(), Failure> {
-        let mode = self.clock.mode();
-        let mut whole = Sha256::new();
-        let mut files = BTreeMap::new();
-        for source in &self.experiment.sources {
-            whole.update(source.text());
-            files.insert(source.path().display().to_string(), hex(&Sha256::digest(source.text())));
-        }
-        let manifest = Manifest {
-            program: "eis-bench",
-            version: env!("CARGO_PKG_VERSION"),
-            experiment: &self.experiment.name,
-            bench: &self.experiment.bench.name,
-            cell: &self.experiment.cell,
-            seed: self.experiment.seed,
-            time: mode.to_string(),
-            simulated: self.experiment.bench.simulation.is_some(),
-            config_sha256: hex(&whole.finalize()),
-            files,
-            // In virtual time the calendar has no meaning, and two runs are to write the same file.
-            started_unix_s: (mode != TimeMode::Virtual).then(|| clock::unix_time_s() - self.clock.now_s()),
-            instruments,
-            status,
-            bench_time_s: (self.clock.now_s() * 1.0e3).round() / 1.0e3,
-        };
-        Ok(self.recorder.json("manifest.json", &manifest)?)
     }
 }
 
@@ -356,12 +397,11 @@ async fn caught<T>(work: impl Future<Output = Result<T, Failure>>) -> Result<T, 
     .await
 }
 
+/// How a run ends of which nothing is left to do.
+pub(super) const FINISHED: &str = "finished";
+
 fn folder_of(path: &Path) -> String {
     path.parent().and_then(Path::file_name).map_or_else(String::new, |name| name.to_string_lossy().into_owned())
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

@@ -1,7 +1,9 @@
 //! Configuration: files as typed (`raw`), read with line numbers (`source`) and units (`quantity`), checked once (`resolve`, `check`). What comes out
 //! of here is complete and within the limits of cell and instruments; nothing is energised before that.
 
+mod campaign;
 mod check;
+mod interlock;
 mod multisine;
 mod ocv_soc;
 mod quality;
@@ -20,13 +22,18 @@ use analysis::{
     fit::Objective,
     ocv::OcvCurve,
 };
-use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
+use instruments::{
+    clock::TimeMode,
+    mock::{Schedule, plant::Fixture},
+    transport::Address,
+};
 
+pub use campaign::{Campaign, CampaignRun};
 pub(crate) use check::LOAD_CUT_OFF_V;
 pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
-pub use resolve::{load_bench, load_experiment};
-pub use source::{ConfigError, Source};
+pub use resolve::{load_any_bench, load_bench, load_experiment, resolve_experiment};
+pub use source::{ConfigError, Copies, Source};
 pub use trace::{Segment, Trace};
 
 /// A complete experiment.
@@ -52,6 +59,8 @@ pub struct Experiment {
     pub eis: Option<Eis>,
     /// Many frequencies at once, if asked for.
     pub multisine: Option<Multisine>,
+    /// Several cells, each measured several times, if there are any.
+    pub campaign: Option<Campaign>,
     /// Currents that step, in the order in which each round plays them.
     pub traces: Vec<Trace>,
     /// The fits.
@@ -79,6 +88,33 @@ pub struct Bench {
     pub simulation: Option<Simulation>,
     /// What its past says of its errors, where anything is known.
     pub history: Option<BenchHistory>,
+    /// The file that this was read from.
+    pub path: PathBuf,
+    /// Where its state is kept: who runs it, and why it must not be run.
+    pub state_folder: PathBuf,
+    /// The process that watches over it.
+    pub guardian: Guardian,
+}
+
+impl Bench {
+    /// Whether it is simulated in this process: then nothing of it is left when the process has ended.
+    pub fn in_process(&self) -> bool {
+        self.instruments.addressed().iter().all(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }))
+    }
+
+    /// How bench time runs.
+    pub fn time(&self) -> TimeMode {
+        self.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time)
+    }
+}
+
+/// When the guardian steps in. Both are seconds on the wall.
+#[derive(Debug, Clone, Copy)]
+pub struct Guardian {
+    /// Without a word from the daemon for so long, s, the guardian ends it and switches off.
+    pub lease_s: f64,
+    /// The daemon may compute for so long between two waits, s: after that it counts as hung, and the lease is not renewed.
+    pub stall_s: f64,
 }
 
 /// The instruments by role.
@@ -181,6 +217,8 @@ pub struct Simulation {
     pub scenario: PathBuf,
     /// How bench time runs.
     pub time: TimeMode,
+    /// What goes wrong between the simulated instruments and their client.
+    pub faults: Option<Schedule>,
 }
 
 /// A cell and what may be done to it.
@@ -192,6 +230,8 @@ pub struct Cell {
     pub capacity_c: f64,
     /// What may be done to it.
     pub limits: crate::interlock::Limits,
+    /// What the interlock allows beside them.
+    pub interlock: crate::interlock::Settings,
     /// Cells in series in the pack that the model is mapped to.
     pub series: u32,
     /// Cells in parallel.

@@ -114,6 +114,9 @@ dimension!(
     /// Difference of temperatures.
     TemperatureDifference, "a temperature difference", "0.1 K", [("K", 1.0)]);
 dimension!(
+    /// Rate of a temperature.
+    TemperatureRate, "a rate of a temperature", "5 K/min", [("K/min", 1.0 / 60.0), ("K/s", 1.0)]);
+dimension!(
     /// Resistance.
     Resistance, "a resistance", "9.96 mΩ",
     [("Ω", 1.0), ("ohm", 1.0), ("mΩ", 1.0e-3), ("mohm", 1.0e-3), ("µΩ", 1.0e-6), ("uΩ", 1.0e-6), ("uohm", 1.0e-6), ("MΩ", 1.0e6), ("kΩ", 1.0e3)]);

@@ -1,6 +1,7 @@
 //! The files as they are typed: these structures mirror the TOML, and nothing else reads them than `resolve`.
 
 use analysis::{dataset::Role, diagnosis::BenchHistory};
+use instruments::mock::Fault;
 use serde::Deserialize;
 
 use super::quantity::{
@@ -23,6 +24,7 @@ pub(super) struct Experiment {
     pub(super) ocv_soc: Option<super::ocv_soc::Raw>,
     pub(super) eis: Option<Eis>,
     pub(super) multisine: Option<super::multisine::Raw>,
+    pub(super) campaign: Option<Campaign>,
     #[serde(default)]
     pub(super) traces: Vec<Trace>,
     #[serde(default)]
@@ -130,6 +132,32 @@ pub(super) enum SweptFixture {
     Shunt,
 }
 
+/// Several cells, each measured several times.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Campaign {
+    pub(super) repeats: usize,
+    #[serde(default)]
+    pub(super) order: CampaignOrder,
+    pub(super) cells: Vec<CampaignCell>,
+}
+
+/// Which cell comes next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum CampaignOrder {
+    #[default]
+    CellByCell,
+    RoundRobin,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CampaignCell {
+    pub(super) name: String,
+    pub(super) serial: Option<String>,
+}
+
 /// A current that steps, and how it is recorded.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -223,6 +251,17 @@ pub(super) struct Bench {
     pub(super) controls: Controls,
     pub(super) simulation: Option<Simulation>,
     pub(super) history: Option<BenchHistory>,
+    /// Where the state of the bench is kept.
+    pub(super) state_folder: Option<String>,
+    #[serde(default)]
+    pub(super) guardian: Guardian,
+}
+
+#[derive(Debug, Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Guardian {
+    pub(super) lease: Option<Quantity<Duration>>,
+    pub(super) stall: Option<Quantity<Duration>>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -302,6 +341,17 @@ pub(super) struct Open {
 pub(super) struct Simulation {
     pub(super) scenario: String,
     pub(super) time: Option<String>,
+    pub(super) faults: Option<Faults>,
+}
+
+/// What goes wrong between the simulated instruments and their client.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Faults {
+    pub(super) seed: u64,
+    pub(super) per_message: f64,
+    pub(super) most: usize,
+    pub(super) kinds: Option<Vec<Fault>>,
 }
 
 /// A cell and what may be done to it.
@@ -316,6 +366,8 @@ pub(super) struct Cell {
     pub(super) discharge_current_max: Quantity<Current>,
     pub(super) temperature_min: Quantity<Temperature>,
     pub(super) temperature_max: Quantity<Temperature>,
+    #[serde(default)]
+    pub(super) interlock: super::interlock::Section,
     pub(super) pack: Pack,
     pub(super) ocv: Option<Ocv>,
 }

@@ -1,15 +1,24 @@
 //! Raw files → a checked experiment. Every complaint names file, line, field and what was expected.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use analysis::{
     calibration::{KnownImpedance, StrayAdmittance},
     ocv::OcvCurve,
 };
 use fixtures::Scenario;
-use instruments::{chiller, clock::TimeMode, generator, instrument::Model, jig, load, logger, scope, supply, supply4q, transport::Address};
+use instruments::{
+    chiller,
+    clock::TimeMode,
+    generator,
+    instrument::Model,
+    jig, load, logger,
+    mock::{Fault, Schedule},
+    scope, supply, supply4q,
+    transport::Address,
+};
 
-use super::{Bench, Cell, ConfigError, Experiment, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw};
+use super::{Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw};
 use crate::interlock::Limits;
 
 /// Reads an experiment with its bench (or another one in its place) and its cell.
@@ -17,18 +26,25 @@ use crate::interlock::Limits;
 /// # Errors
 /// The first mistake, with file, line and field.
 pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experiment, ConfigError> {
-    let source = Source::read(path)?;
+    resolve_experiment(Source::read(path)?, other_bench)
+}
+
+/// As [`load_experiment`], from a file that was read, and with it from wherever that was read.
+///
+/// # Errors
+/// As [`load_experiment`].
+pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<Experiment, ConfigError> {
     let raw: raw::Experiment = source.parse()?;
     if raw.name.is_empty() || !raw.name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_')) {
         return Err(source.complain("name", format!("expected a name of letters, digits, `-` and `_`, found {:?}", raw.name)));
     }
     let bench_path = other_bench.map_or_else(|| source.relative(&raw.bench), Path::to_owned);
     let bench_source =
-        Source::read(&bench_path).map_err(|error| if other_bench.is_none() { in_field(&source, "bench", &error) } else { error })?;
+        source.open(&bench_path).map_err(|error| if other_bench.is_none() { in_field(&source, "bench", &error) } else { error })?;
     let bench = resolve_bench(&bench_source)?;
     check_one_world(&bench_source, &bench.instruments)?;
     let scenario_source = bench.simulation.as_ref().map(|section| read_scenario(&bench_source, &section.scenario)).transpose()?;
-    let cell_source = Source::read(&source.relative(&raw.cell)).map_err(|error| in_field(&source, "cell", &error))?;
+    let cell_source = source.open(&source.relative(&raw.cell)).map_err(|error| in_field(&source, "cell", &error))?;
     let cell = resolve_cell(&cell_source)?;
     let check = Check { source: &source, bench_source: &bench_source, bench: &bench, cell: &cell };
     let temperature = raw.temperature.as_ref().map(|section| check.temperature(section)).transpose()?;
@@ -49,6 +65,10 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
         return Err(source.complain("fixture_check.beyond", reason));
     }
     let (traces, trace_sources) = check.traces(&raw.traces)?;
+    let campaign = raw.campaign.as_ref().map(|section| check.campaign(section, (eis.as_ref(), &traces))).transpose()?;
+    if campaign.is_some() && (ocv_soc.is_some() || multisine.is_some()) {
+        return Err(source.complain("campaign", "expected [campaign] without [ocv_soc] and [multisine]: its runs are sweeps and traces"));
+    }
     if eis.as_ref().is_none_or(|eis| eis.repeat == 0) && traces.is_empty() && ocv_soc.is_none() && multisine.is_none() {
         let reason = "expected a section [eis] with a repeat above 0, or a section [[traces]], [ocv_soc] or [multisine]";
         return Err(source.complain("(whole file)", reason));
@@ -65,6 +85,7 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
         ocv_soc,
         eis,
         multisine,
+        campaign,
         traces,
         fit,
         sources: [source, bench_source, cell_source].into_iter().chain(scenario_source).chain(trace_sources).collect(),
@@ -73,7 +94,7 @@ pub fn load_experiment(path: &Path, other_bench: Option<&Path>) -> Result<Experi
 
 /// The scenario of a simulated bench, checked.
 fn read_scenario(bench: &Source, path: &Path) -> Result<Source, ConfigError> {
-    let source = Source::read(path).map_err(|error| in_field(bench, "simulation.scenario", &error))?;
+    let source = bench.open(path).map_err(|error| in_field(bench, "simulation.scenario", &error))?;
     let scenario: Scenario = source.parse()?;
     scenario.validate().map_err(|error| source.complain(&error.field, error.to_string()))?;
     Ok(source)
@@ -86,6 +107,22 @@ fn read_scenario(bench: &Source, path: &Path) -> Result<Source, ConfigError> {
 pub fn load_bench(path: &Path) -> Result<(Bench, Source), ConfigError> {
     let source = Source::read(path)?;
     Ok((resolve_bench(&source)?, source))
+}
+
+/// Reads a bench, or the one that an experiment names.
+///
+/// # Errors
+/// As [`load_experiment`].
+pub fn load_any_bench(path: &Path) -> Result<Bench, ConfigError> {
+    #[derive(serde::Deserialize)]
+    struct Either {
+        bench: Option<String>,
+    }
+    let source = Source::read(path)?;
+    match source.parse::<Either>()?.bench {
+        Some(bench) => Ok(load_bench(&source.relative(&bench)).map_err(|error| in_field(&source, "bench", &error))?.0),
+        None => resolve_bench(&source),
+    }
 }
 
 fn in_field(source: &Source, field: &str, error: &ConfigError) -> ConfigError {
@@ -107,6 +144,7 @@ fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
         return Err(source.complain("wiring.scale_per_ampere", "expected four voltages above zero"));
     }
     let simulation = raw.simulation.as_ref().map(|section| resolve_simulation(source, section, &instruments)).transpose()?;
+    let state_folder = state_folder(source, &raw);
     Ok(Bench {
         name: raw.name,
         instruments,
@@ -122,6 +160,34 @@ fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
         open: raw.controls.open.as_ref().map(|open| stray(source, open)).transpose()?,
         simulation,
         history: raw.history,
+        path: source.path().to_owned(),
+        state_folder,
+        guardian: resolve_guardian(source, &raw.guardian)?,
+    })
+}
+
+/// As it is typed, or beside the bench file and called after the bench.
+fn state_folder(source: &Source, raw: &raw::Bench) -> PathBuf {
+    raw.state_folder.as_ref().map_or_else(
+        || {
+            let plain = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '_' };
+            source.relative(".eis-bench").join(raw.name.chars().map(plain).collect::<String>())
+        },
+        |folder| source.relative(folder),
+    )
+}
+
+/// Lease and stall unless they are typed, s.
+const GUARDIAN: (f64, f64) = (5.0, 20.0);
+
+fn resolve_guardian(source: &Source, raw: &raw::Guardian) -> Result<Guardian, ConfigError> {
+    let within = |field: &str, value: f64, (least, greatest): (f64, f64)| {
+        let reason = || format!("expected {least} s to {greatest} s, found {value} s");
+        (least..=greatest).contains(&value).then_some(value).ok_or_else(|| source.complain(&format!("guardian.{field}"), reason()))
+    };
+    Ok(Guardian {
+        lease_s: within("lease", raw.lease.map_or(GUARDIAN.0, |lease| lease.si), (1.0, 600.0))?,
+        stall_s: within("stall", raw.stall.map_or(GUARDIAN.1, |stall| stall.si), (1.0, 600.0))?,
     })
 }
 
@@ -185,7 +251,17 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
         let reason = format!("scaled time is for mocks on this machine, and {role} is at {}", instrument.address);
         return Err(source.complain("simulation.time", reason));
     }
-    Ok(Simulation { scenario: source.relative(&raw.scenario), time })
+    let faults = raw.faults.as_ref().map(|faults| resolve_faults(source, faults)).transpose()?;
+    Ok(Simulation { scenario: source.relative(&raw.scenario), time, faults })
+}
+
+fn resolve_faults(source: &Source, raw: &raw::Faults) -> Result<Schedule, ConfigError> {
+    if !(0.0..=1.0).contains(&raw.per_message) {
+        let reason = format!("expected a chance from 0 to 1, found {}", raw.per_message);
+        return Err(source.complain("simulation.faults.per_message", reason));
+    }
+    let faults = raw.kinds.clone().unwrap_or_else(|| Fault::ALL.to_vec());
+    Ok(Schedule { seed: raw.seed, per_message: raw.per_message, most: raw.most, faults })
 }
 
 /// In this process, on the loopback interface, or on a pseudo-terminal.
@@ -299,6 +375,7 @@ fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
             min_c: raw.temperature_min.si,
             max_c: raw.temperature_max.si,
         },
+        interlock: raw.interlock.resolve(source, raw.capacity.si)?,
         series: raw.pack.series,
         parallel: raw.pack.parallel,
         ocv,

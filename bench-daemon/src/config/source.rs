@@ -1,8 +1,10 @@
 //! A configuration file with its text, so that every complaint names file, line and field.
 
 use std::{
+    collections::BTreeMap,
     ops::Range,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use serde::de::DeserializeOwned;
@@ -38,7 +40,12 @@ pub enum ConfigError {
 pub struct Source {
     path: PathBuf,
     text: String,
+    /// Texts that are read in the place of files, by path; without any the disk is read.
+    copies: Option<Arc<Copies>>,
 }
+
+/// Files as they were, by path.
+pub type Copies = BTreeMap<PathBuf, String>;
 
 impl Source {
     /// Reads a file.
@@ -48,7 +55,25 @@ impl Source {
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let text =
             std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable { path: path.to_owned(), reason: error.to_string() })?;
-        Ok(Self { path: path.to_owned(), text })
+        Ok(Self { path: path.to_owned(), text, copies: None })
+    }
+
+    /// A file as it was, beside others as they were: whatever it names is read from there too.
+    ///
+    /// # Errors
+    /// [`ConfigError::Unreadable`] for a path that is not among them.
+    pub fn copy(path: &Path, copies: &Arc<Copies>) -> Result<Self, ConfigError> {
+        let reason = || "it is not among the copies of the run folder".to_owned();
+        let text = copies.get(path).ok_or_else(|| ConfigError::Unreadable { path: path.to_owned(), reason: reason() })?;
+        Ok(Self { path: path.to_owned(), text: text.clone(), copies: Some(copies.clone()) })
+    }
+
+    /// Another file, read as this one was: from the disk, or as it was.
+    ///
+    /// # Errors
+    /// [`ConfigError::Unreadable`].
+    pub fn open(&self, path: &Path) -> Result<Self, ConfigError> {
+        self.copies.as_ref().map_or_else(|| Self::read(path), |copies| Self::copy(path, copies))
     }
 
     /// The file's path.
@@ -182,7 +207,16 @@ mod tests {
     }
 
     fn source(text: &str) -> Source {
-        Source { path: PathBuf::from("a.toml"), text: text.to_owned() }
+        Source { path: PathBuf::from("a.toml"), text: text.to_owned(), copies: None }
+    }
+
+    #[test]
+    fn a_copy_reads_what_it_names_from_the_copies_and_nothing_else() {
+        let copies = Arc::new(Copies::from([("a/x.toml".into(), "x".to_owned()), ("a/../b/y.toml".into(), "y".to_owned())]));
+        let x = Source::copy(Path::new("a/x.toml"), &copies).unwrap();
+        assert_eq!(x.open(&x.relative("../b/y.toml")).unwrap().text(), "y");
+        let message = x.open(&x.relative("z.toml")).unwrap_err().to_string();
+        assert_eq!(message, "a/z.toml: cannot be read: it is not among the copies of the run folder");
     }
 
     #[test]

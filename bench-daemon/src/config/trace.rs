@@ -122,7 +122,8 @@ impl Check<'_> {
                 ("segments", segments, None)
             }
             (None, Some(file)) => {
-                let source = Source::read(&self.source.relative(file)).map_err(|error| self.complain(&field("file"), error.to_string()))?;
+                let source =
+                    self.source.open(&self.source.relative(file)).map_err(|error| self.complain(&field("file"), error.to_string()))?;
                 ("file", table(&source, self.cell.limits.min_v)?, Some(source))
             }
             _ => return Err(self.complain(&field("segments"), "expected segments or a file of them, and not both")),

@@ -10,7 +10,7 @@ use analysis::{
 const ORDERS: [u32; 2] = [2, 3];
 
 /// What a record shows besides its sinusoid.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Beside {
     /// Orders and phasors of the harmonics that the record can tell apart.
     pub harmonics: Vec<(u32, ChannelPhasors)>,
@@ -19,7 +19,7 @@ pub struct Beside {
 }
 
 /// How the offset of the voltage across the jig bends.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Bend {
     /// From the middle of the record to its ends, V.
     pub volts: f64,

@@ -73,6 +73,7 @@ impl Executor<'_> {
         let Step::HoldTemperature { setpoint_c, within_k, max_s } = *step else { return Ok(()) };
         let error = self.bench.error("chiller");
         require(&mut self.bench.chiller, "chiller")?.start(Celsius(setpoint_c)).await.map_err(error)?;
+        self.chiller_runs = true;
         let start_s = self.clock.now_s();
         let mut steady_since_s = None;
         loop {

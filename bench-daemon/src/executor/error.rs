@@ -17,6 +17,9 @@ pub enum ExecuteError {
     /// The person at the bench.
     #[error(transparent)]
     Operator(#[from] OperatorError),
+    /// A person wants the run to end.
+    #[error("ended on request")]
+    Aborted,
     /// A step reached its upper bound.
     #[error("{step}: not reached within {max_s:.0} s ({state})")]
     Bound {

@@ -59,6 +59,7 @@ impl Executor<'_> {
         tracing::info!("{text}");
         self.recorder.event(&text)?;
         let start_s = self.clock.now_s();
+        self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
         let mut point = self.sine(fixture, step, before.captures).await?;
         let took_s = self.clock.now_s() - start_s;
         self.spent.time_s += took_s;
@@ -78,8 +79,15 @@ impl Executor<'_> {
     }
 
     /// Holds the points of a finished sweep against each other, measures again those that do not fit, and flags what does not fit even then.
-    pub(super) async fn recheck(&mut self, fixture: Fixture, stage: &Stage, points: &mut [SweepPoint]) -> Result<(), ExecuteError> {
-        let Some(quality) = self.experiment.eis.as_ref().and_then(|eis| eis.quality) else { return Ok(()) };
+    /// Says which points changed: their steps in the stage and their places among the points.
+    pub(super) async fn recheck(
+        &mut self,
+        fixture: Fixture,
+        stage: &Stage,
+        points: &mut [SweepPoint],
+    ) -> Result<Vec<(usize, usize)>, ExecuteError> {
+        let before = points.to_vec();
+        let Some(quality) = self.experiment.eis.as_ref().and_then(|eis| eis.quality) else { return Ok(Vec::new()) };
         for round in 0..=ROUNDS {
             let residuals = self.residuals(points);
             let mut again = Vec::new();
@@ -108,7 +116,10 @@ impl Executor<'_> {
                 break;
             }
         }
-        Ok(())
+        let step =
+            |point: &SweepPoint| stage.steps.iter().position(|step| matches!(step, Step::Sine { index, .. } if *index == point.index));
+        let changed = points.iter().zip(&before).enumerate().filter(|(_, (after, before))| after != before);
+        Ok(changed.filter_map(|(place, (after, _))| Some((step(after)?, place))).collect())
     }
 
     /// Kramers–Kronig residuals over |Z| of points that do not fit the others; nothing where they do, or where the sweep is too short to tell.

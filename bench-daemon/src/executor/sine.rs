@@ -47,7 +47,7 @@ const MAINS_ORDERS: u32 = 3;
 const FREQ_TOLERANCE: f64 = 2.0e-3;
 
 /// A finished point of a sweep.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SweepPoint {
     /// What was in the jig.
     pub fixture: Fixture,

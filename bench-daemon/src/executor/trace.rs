@@ -275,7 +275,7 @@ impl Executor<'_> {
         let time_s = mean.time_s + shift_s;
         let voltage_v = zero.ocv_v + change_v;
         let reading = Reading { time_s, voltage_v: Some(voltage_v), current_a: Some(current_a), temperature_c: None };
-        if let Some(trip) = interlock::judge(&self.envelope, &reading) {
+        if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
             return Err(trip.into());
         }
         let (share, amps) = FOLLOWS;

@@ -139,3 +139,21 @@ impl TracePlan {
         Err("expected each step within one frame, frames apart and an end without current".to_owned())
     }
 }
+
+/// A trace for tests.
+#[cfg(test)]
+pub(crate) fn test_trace() -> TracePlan {
+    TracePlan {
+        name: "t".to_owned(),
+        repeat: 1,
+        role: analysis::dataset::Role::Train,
+        repeat_group: "t".to_owned(),
+        rest_s: 0.0,
+        levels: vec![Level { at_s: 0.5, current_a: -1.0 }, Level { at_s: 5.5, current_a: 0.0 }],
+        frames: Vec::new(),
+        start_v: (3.6, 3.8),
+        resistance_max_ohm: 0.03,
+        capacity_c: 16_200.0,
+        thinning: (0.002, 0.25, 10.0),
+    }
+}

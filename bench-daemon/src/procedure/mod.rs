@@ -1,5 +1,6 @@
 //! The procedures of the thesis, each a pure function from parameters to stages of a plan.
 
+mod campaign;
 mod eis_sweep;
 mod multisine;
 mod ocv_soc;
@@ -9,11 +10,12 @@ mod trace;
 use instruments::{instrument::by_key, mock::plant::Fixture, scope, supply4q, units::Seconds};
 
 use crate::{
-    config::{Experiment, Instrument},
+    config::{Experiment, Instrument, Temperature},
     plan::{Plan, Purpose, Stage, Step},
 };
 
-/// The whole experiment as a plan: fixture check, temperature, OCV over SOC, SOC reset, then rounds of one sweep and each trace, as often as each is to be repeated. The controls come first, so that the cell is put into
+/// The whole experiment as a plan: fixture check, temperature, OCV over SOC, SOC reset, then rounds of one sweep and each trace, as often as each is to be repeated;
+/// in a campaign SOC reset, temperature, sweep and traces for every run. The controls come first, so that the cell is put into
 /// the jig once, after the last of them, and nothing has to be clamped where it sits.
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
@@ -26,16 +28,23 @@ pub fn plan(experiment: &Experiment) -> Plan {
         let sweep = eis_sweep::Sweep { fixture, repeat, amplitude_a, held, beyond_hz, seed: experiment.seed };
         Some(eis_sweep::stage(&sweep, eis, limits, time_base(experiment)))
     };
+    let amplitude_a = experiment.eis.as_ref().map_or(0.0, |eis| eis.amplitude_a);
     for (control, _) in experiment.fixture_check.iter().flat_map(|check| &check.controls) {
-        stages.extend(sweep(*control, 0, experiment.eis.as_ref().map_or(0.0, |eis| eis.amplitude_a)));
+        stages.extend(sweep(*control, 0, amplitude_a));
     }
-    if let Some(temperature) = &experiment.temperature {
-        let (setpoint_c, within_k, max_s) = (temperature.setpoint_c, temperature.within_k, temperature.timeout_s);
-        stages.push(Stage {
-            purpose: Purpose::Temperature,
-            steps: vec![Step::Mount(Fixture::Cell), Step::HoldTemperature { setpoint_c, within_k, max_s }],
-        });
+    let temperature = experiment.temperature.as_ref().map(temperature);
+    if let Some(campaign) = &experiment.campaign {
+        let reset = experiment.soc_reset.as_ref().map(soc_reset::stage);
+        for run in campaign.runs() {
+            let traces =
+                experiment.traces.iter().map(|trace| trace::stage((trace, run.number), &experiment.cell, held, time_base(experiment)));
+            let parts =
+                reset.clone().into_iter().chain(temperature.clone()).chain(sweep(Fixture::Cell, run.number, amplitude_a)).chain(traces);
+            stages.extend(parts.map(|stage| campaign::of_run(stage, &run)));
+        }
+        return Plan { stages };
     }
+    stages.extend(temperature);
     if let Some(ocv) = &experiment.ocv_soc {
         stages.push(ocv_soc::stage(ocv, &experiment.cell));
     }
@@ -56,6 +65,11 @@ pub fn plan(experiment: &Experiment) -> Plan {
         stages.extend(due.map(|trace| trace::stage((trace, round), &experiment.cell, held, time_base(experiment))));
     }
     Plan { stages }
+}
+
+fn temperature(temperature: &Temperature) -> Stage {
+    let (setpoint_c, within_k, max_s) = (temperature.setpoint_c, temperature.within_k, temperature.timeout_s);
+    Stage { purpose: Purpose::Temperature, steps: vec![Step::Mount(Fixture::Cell), Step::HoldTemperature { setpoint_c, within_k, max_s }] }
 }
 
 /// The time that the scope's screen spans when it is to hold at least a given span.

@@ -43,7 +43,7 @@ fn complaint(file: &str, from: &str, to: &str) -> String {
 
 #[test]
 fn every_file_in_configs_is_sound() {
-    for name in ["demo", "thesis", "accurate", "investigate"] {
+    for name in ["demo", "thesis", "accurate", "investigate", "campaign"] {
         let experiment = load_experiment(&configs().join(format!("experiments/{name}.toml")), None).unwrap();
         procedure::plan(&experiment).check(&experiment.cell.limits).unwrap();
     }
@@ -69,7 +69,7 @@ fn mistakes_are_named_with_file_line_and_field() {
             bench,
             "\"siglent-sdl1000x\"",
             "\"siglent-sdl9\"",
-            "instruments.load.model: expected one of siglent-sdl1000x, found \"siglent-sdl9\"",
+            "instruments.load.model: expected one of siglent-sdl1000x, rigol-dl3000, found \"siglent-sdl9\"",
         ),
         (bench, "\"memory:scope\"", "\"tcp:/scope\"", "instruments.scope.address: "),
         (bench, "\"9.96 mΩ\"", "\"9.96 mV\"", "wiring.shunt.resistance: expected a resistance with its unit"),
@@ -92,6 +92,14 @@ fn mistakes_are_named_with_file_line_and_field() {
             "controls.short.resistance: expected a resistance above 0 and below 1 Ω, found 0 Ω",
         ),
         ("cells/p45b.toml", "\"2.5 V\"", "\"4.5 V\"", "voltage_max: expected more than voltage_min, found 4.2"),
+        ("cells/p45b.toml", "\"5 K/min\"", "\"0 K/min\"", "interlock.temperature_rate_max: expected 0.1 K/min to 600 K/min, found 0 K/min"),
+        (
+            "cells/p45b.toml",
+            "frozen_charge = \"2 %\"",
+            "frozen_charge = \"2 s\"",
+            "interlock.frozen_charge: expected a share with its unit",
+        ),
+        (bench, "# The bench", "guardian = { lease = \"0.1 s\" }\n# The bench", "guardian.lease: expected 1 s to 600 s, found 0.1 s"),
     ] {
         let line = 1 + std::fs::read_to_string(configs().join(file)).unwrap().split(from).next().unwrap().matches('\n').count();
         let message = complaint(file, from, to);

@@ -1,4 +1,4 @@
-//! A run that is killed in the middle: what it had finished is on disk, and the next run starts from a bench that was left on.
+//! A run that is killed in the middle: what it had finished is on disk, its guardian switches off, and the next run can use the bench.
 
 use std::{fs, path::Path};
 
@@ -15,8 +15,10 @@ fn every_finished_point_survives_a_kill_and_the_bench_can_be_used_again() {
         let ports = Ports::serve(&files, FACTOR, 1);
         let run = files.path("killed");
         kill_after(&files, &run, (watched, count));
-        // Whoever was killed switched nothing off; the simulated cell saw what that means.
-        assert_eq!(ports.ask("supply4q", "OUTP?"), "1", "killed in mid-sweep");
+        // Whoever was killed switched nothing off; the guardian did.
+        let report = crate::guardian::report(&files, "verified");
+        assert_eq!((&report["cause"], &report["failures"]), (&"the daemon died".into(), &serde_json::json!([])), "{report}");
+        ports.assert_outputs_off();
         assert_readable(&run, watched, count);
 
         let again = files.run("again");
@@ -24,7 +26,7 @@ fn every_finished_point_survives_a_kill_and_the_bench_can_be_used_again() {
         assert_eq!(read_spectrum_csv(&files.path("again/spectrum.csv")).unwrap().len(), 6);
         ports.assert_outputs_off();
         let witness = ports.world.lock().unwrap().witness();
-        assert_eq!(witness.abuse, [], "the output that was left on must be off before anything is clamped");
+        assert_eq!(witness.abuse, [], "the output must be off before anything is clamped");
     }
 }
 
@@ -67,7 +69,7 @@ fn assert_readable(run: &Path, watched: &str, count: usize) {
 }
 
 /// Waits until so many points are in a table of a run that is still going on.
-fn wait_for_points(child: &mut Running, run: &Path, (watched, count): (&str, usize)) {
+pub(crate) fn wait_for_points(child: &mut Running, run: &Path, (watched, count): (&str, usize)) {
     poll(watched, || {
         assert!(child.0.try_wait().unwrap().is_none(), "the run ended before it was disturbed");
         let lines = fs::read_to_string(run.join(watched)).ok()?.matches('\n').count();
@@ -76,14 +78,14 @@ fn wait_for_points(child: &mut Running, run: &Path, (watched, count): (&str, usi
 }
 
 /// Starts a run of the experiment.
-fn start(files: &Files, run: &Path, more: &[&std::ffi::OsStr]) -> Running {
+pub(crate) fn start(files: &Files, run: &Path, more: &[&std::ffi::OsStr]) -> Running {
     let experiment = files.experiment();
     let mut arguments = vec!["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()];
     arguments.extend(more);
     Running(command(&arguments).spawn().unwrap())
 }
 
-fn end(mut child: Running) -> (Option<i32>, String) {
+pub(crate) fn end(mut child: Running) -> (Option<i32>, String) {
     let code = child.0.wait().unwrap().code();
     let mut text = String::new();
     std::io::Read::read_to_string(child.0.stderr.as_mut().unwrap(), &mut text).unwrap();

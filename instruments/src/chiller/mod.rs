@@ -1,9 +1,10 @@
 //! The chiller that holds the cell's water blocks at a temperature.
 
+mod huber;
 mod julabo;
 
 use crate::{
-    exchange::{Exchange, play},
+    exchange::{Exchange, leading_number, play},
     instrument::{Instrument, Model},
     link::LinkError,
     units::Celsius,
@@ -30,12 +31,16 @@ pub trait Dialect: Model {
     fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange>;
     /// Queries for bath temperature and status.
     fn queries(&self) -> [&'static str; 2];
+    /// Reads an answer to the first of them, °C; nothing where it is no temperature.
+    fn celsius(&self, answer: &str) -> Option<f64> {
+        leading_number(answer)
+    }
     /// Reads a status answer.
     fn status(&self, answer: &str) -> Status;
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&julabo::JULABO];
+pub const DIALECTS: &[&dyn Dialect] = &[&julabo::JULABO, &huber::HUBER];
 
 /// A chiller on its link.
 pub type Chiller = Instrument<dyn Dialect>;
@@ -95,6 +100,8 @@ impl Instrument<dyn Dialect> {
     /// The link's; an answer that is no number.
     pub async fn temperature(&mut self) -> Result<Celsius, LinkError> {
         let query = self.dialect.queries()[0];
-        self.number(query).await.map(Celsius)
+        let answer = self.link.query(query).await?;
+        let celsius = self.dialect.celsius(&answer).filter(|celsius| celsius.is_finite());
+        celsius.map(Celsius).ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a temperature"))
     }
 }

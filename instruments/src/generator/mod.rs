@@ -1,9 +1,10 @@
 //! The signal generator whose sine is the command of the bipolar supply.
 
+mod keysight_33500b;
 mod siglent_sdg;
 
 use crate::{
-    exchange::{Exchange, play, play_all},
+    exchange::{Answer, Exchange, forget_errors, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Hertz, Volts},
@@ -73,7 +74,7 @@ pub trait Dialect: Model {
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdg::SDG1000X];
+pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdg::SDG1000X, &keysight_33500b::B33500];
 
 /// One channel of a signal generator on its link.
 pub type Generator = Instrument<dyn Dialect>;
@@ -125,6 +126,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::sine`].
     pub async fn output(&mut self, on: bool) -> Result<(), LinkError> {
+        forget_errors(&mut self.link).await?;
         let script = self.dialect.output(self.output_channel(), on);
         play(&mut self.link, &script).await
     }
@@ -136,6 +138,15 @@ impl Instrument<dyn Dialect> {
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         let script = self.dialect.output(self.output_channel(), false);
         play_all(&mut self.link, &script).await
+    }
+
+    /// Asks whether the output is off, and changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
+        let script = self.dialect.output(self.output_channel(), false);
+        look(&mut self.link, &script).await
     }
 
     /// The first of the channels in use; 1 where none was named.

@@ -48,6 +48,16 @@ impl Jig {
         play(&mut self.link, &[script]).await
     }
 
+    /// Puts another of the cells under test into the jig's place for them, by its number from 1; every output must be off.
+    ///
+    /// # Errors
+    /// The link's; a jig that holds another one afterwards.
+    pub async fn insert(&mut self, number: usize) -> Result<(), LinkError> {
+        let value = number as f64;
+        let script = Exchange::number(format!("JIG:CELL {number}"), "JIG:CELL?", value, 0.0);
+        play(&mut self.link, &[script]).await
+    }
+
     /// The link, for reconnecting.
     pub fn link_mut(&mut self) -> &mut Link {
         &mut self.link

@@ -1,9 +1,10 @@
 //! The DC load that discharges the cell at constant current.
 
+mod rigol_dl3000;
 mod siglent_sdl;
 
 use crate::{
-    exchange::{Exchange, play, play_all},
+    exchange::{Answer, Exchange, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Volts},
@@ -42,7 +43,7 @@ pub trait Dialect: Model {
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdl::SDL1000X];
+pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdl::SDL1000X, &rigol_dl3000::DL3000];
 
 /// A DC load on its link.
 pub type Load = Instrument<dyn Dialect>;
@@ -84,6 +85,14 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         play_all(&mut self.link, &self.dialect.input(false)).await
+    }
+
+    /// Asks whether the input is off, and changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
+        look(&mut self.link, &self.dialect.input(false)).await
     }
 
     /// Voltage at the sense terminals and current drawn.

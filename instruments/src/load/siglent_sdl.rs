@@ -11,6 +11,11 @@ use crate::{
 /// Siglent SDL1020X/1030X.
 pub(super) const SDL1000X: Sdl = Sdl;
 
+/// Greatest current.
+const MAX_CURRENT: Amps = Amps(30.0);
+/// The over-current protection lies above the current by this factor and this much, A.
+const PROTECTION: (f64, f64) = (1.1, 0.1);
+
 pub(super) struct Sdl;
 
 impl Model for Sdl {
@@ -29,7 +34,7 @@ impl Model for Sdl {
 
 impl Dialect for Sdl {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(30.0), max_power_w: 200.0 }
+        Capabilities { max_current: MAX_CURRENT, max_power_w: 200.0 }
     }
 
     fn input(&self, on: bool) -> Vec<Exchange> {
@@ -50,6 +55,9 @@ impl Dialect for Sdl {
             // With the latch off the input opens by itself when the cell falls below this voltage: a second guard beside the daemon.
             Exchange::switch(":VOLT:LATC", false),
             Exchange::fixed(":VOLT:LEV:ON", stop, (3, 5.0e-3)),
+            // And a third one above the current that is asked for.
+            Exchange::fixed(":CURR:PROT:LEV", (PROTECTION.0 * current + PROTECTION.1).min(MAX_CURRENT.value()), (4, 5.0e-3)),
+            Exchange::switch(":CURR:PROT:STAT", true),
         ]
     }
 

@@ -22,6 +22,7 @@ const INVALID_COMMAND: &str = "-08 INVALID COMMAND";
 const NOT_ALLOWED: &str = "-09 COMMAND NOT ALLOWED IN CURRENT OPERATING MODE";
 const TOO_SMALL: &str = "-10 VALUE TOO SMALL";
 const TOO_LARGE: &str = "-11 VALUE TOO LARGE";
+const LOW_LEVEL: &str = "-01 LOW LEVEL ALARM";
 
 /// The circulator.
 pub(super) struct Julabo {
@@ -37,7 +38,7 @@ pub(super) struct Julabo {
 impl Julabo {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let julabo = Self {
-            world: World::new(plant),
+            world: World::new(plant, options.since_s),
             remote: !options.local,
             strict_pacing: options.strict_pacing,
             state: ChillerState { running: false, setpoint_c: 25.0 },
@@ -54,6 +55,9 @@ impl Julabo {
     }
 
     fn status(&self) -> &'static str {
+        if self.world.plant().chiller_alarm(self.world.now_s) {
+            return LOW_LEVEL;
+        }
         self.message.unwrap_or(match (self.remote, self.state.running) {
             (false, false) => "00 MANUAL STOP",
             (false, true) => "01 MANUAL START",

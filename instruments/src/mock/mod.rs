@@ -4,12 +4,21 @@
 //! mistake cannot cancel. An unknown header gets what the model does with it: an entry in the error queue, or silence; never a guess.
 //! Knows no physics: the world is behind [`plant::Plant`].
 
+mod faults;
 pub mod plant;
 
+mod acquisition;
+mod dho;
+mod dl3000;
+mod dp832;
+mod e36312a;
+mod generator_33500b;
+mod huber;
 mod jig;
 mod julabo;
 mod kepco;
 mod number;
+mod replay;
 mod scanner;
 mod scope;
 mod sdg;
@@ -19,7 +28,9 @@ mod spd;
 mod tree;
 mod world;
 
+pub use faults::{Fault, FaultLog, Happened, Schedule, Trouble, make_troubled};
 use plant::SharedPlant;
+pub use replay::{Divergence, Outcome, Replay};
 pub use serve::{serve, serve_memory, serve_pty, serve_tcp};
 
 use crate::scpi::decode::Terminator;
@@ -32,6 +43,17 @@ pub trait Device: Send {
     /// Handles one message (without its terminator) at bench time `now_s` and gives the whole reply, terminators included; nothing for silence.
     /// Times never decrease from one call to the next.
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8>;
+
+    /// What goes wrong on the wire with the message that is about to be handled; nothing with a sound instrument.
+    fn trouble(&mut self, _now_s: f64, _message: &[u8]) -> Option<Trouble> {
+        None
+    }
+
+    /// How late the answer to a message of `now_s` is, s.
+    fn late_s(&self, now_s: f64) -> f64 {
+        let _ = now_s;
+        0.0
+    }
 }
 
 /// What a mock can be told about itself. What does not apply to a model is ignored by it.
@@ -52,6 +74,8 @@ pub struct MockOptions {
     pub local: bool,
     /// `julabo`: a command that comes too soon after a write is lost.
     pub strict_pacing: bool,
+    /// Bench time at which it is switched on, s.
+    pub since_s: f64,
 }
 
 impl Default for MockOptions {
@@ -64,6 +88,7 @@ impl Default for MockOptions {
             page_points: 10_000_000,
             local: false,
             strict_pacing: false,
+            since_s: 0.0,
         }
     }
 }
@@ -76,6 +101,8 @@ pub struct Model {
     pub role: &'static str,
     /// One line for people.
     pub description: &'static str,
+    /// What its protection or a hand at its panel would do to its output, as a message.
+    pub panel_off: Option<&'static str>,
     /// Makes one, in the state in which it is switched on.
     pub make: fn(SharedPlant, &MockOptions) -> Box<dyn Device>,
 }
@@ -86,54 +113,105 @@ pub const MODELS: &[Model] = &[
         key: "kepco-bop-mg",
         role: "supply4q",
         description: "Kepco BOP 1KW 50-20MG: ±50 V ±20 A, analog input selected by command",
+        panel_off: Some("OUTP OFF"),
         make: |plant, options| Box::new(kepco::Kepco::new(kepco::Family::Switching, plant, options)),
     },
     Model {
         key: "kepco-bop-linear",
         role: "supply4q",
         description: "Kepco BOP 20-20 with BIT card: ±20 V ±20 A, analog input by wiring",
+        panel_off: Some("OUTP OFF"),
         make: |plant, options| Box::new(kepco::Kepco::new(kepco::Family::Linear { analog_wired: options.analog_wired }, plant, options)),
     },
     Model {
         key: "siglent-sdg1000x",
         role: "generator",
         description: "Siglent SDG1032X: sine and offset on channel 1",
+        panel_off: Some("C1:OUTP OFF"),
         make: |plant, options| Box::new(sdg::Sdg::new(plant, options)),
     },
     Model {
         key: "siglent-sds800x-hd",
         role: "scope",
         description: "Siglent SDS824X HD: four channels, 12 bits",
+        panel_off: None,
         make: |plant, options| Box::new(scope::Scope::new(plant, options)),
+    },
+    Model {
+        key: "rigol-dho800",
+        role: "scope",
+        description: "Rigol DHO824: four channels, 12 bits",
+        panel_off: None,
+        make: |plant, options| Box::new(dho::Dho::new(plant, options)),
     },
     Model {
         key: "siglent-sdl1000x",
         role: "load",
         description: "Siglent SDL1020X-E: constant current to 30 A",
+        panel_off: Some(":INP OFF"),
         make: |plant, options| Box::new(sdl::Sdl::new(plant, options)),
     },
     Model {
         key: "siglent-spd3303x",
         role: "supply",
         description: "Siglent SPD3303X: 32 V 3.2 A on channel 1",
+        panel_off: Some("OUTP CH1,OFF"),
         make: |plant, options| Box::new(spd::Spd::new(plant, options)),
+    },
+    Model {
+        key: "keysight-33500b",
+        role: "generator",
+        description: "Keysight 33522B: sine and offset on channel 1",
+        panel_off: Some("OUTP1 OFF"),
+        make: |plant, options| Box::new(generator_33500b::Keysight::new(plant, options)),
+    },
+    Model {
+        key: "keysight-e36312a",
+        role: "supply",
+        description: "Keysight E36312A: 6 V 5 A on channel 1",
+        panel_off: Some("OUTP OFF,(@1)"),
+        make: |plant, options| Box::new(e36312a::Keysight::new(plant, options)),
+    },
+    Model {
+        key: "rigol-dp832",
+        role: "supply",
+        description: "Rigol DP832: 30 V 3 A on channel 1",
+        panel_off: Some(":OUTP CH1,OFF"),
+        make: |plant, options| Box::new(dp832::Dp832::new(plant, options)),
+    },
+    Model {
+        key: "rigol-dl3000",
+        role: "load",
+        description: "Rigol DL3021: constant current to 40 A",
+        panel_off: Some(":INP OFF"),
+        make: |plant, options| Box::new(dl3000::Dl3000::new(plant, options)),
+    },
+    Model {
+        key: "huber-pb",
+        role: "chiller",
+        description: "Huber Pilot ONE circulator, PB commands",
+        panel_off: Some("{M140000"),
+        make: |plant, options| Box::new(huber::Huber::new(plant, options)),
     },
     Model {
         key: "julabo",
         role: "chiller",
         description: "Julabo CF31 circulator, serial",
+        panel_off: Some("OUT_MODE_05 0"),
         make: |plant, options| Box::new(julabo::Julabo::new(plant, options)),
     },
     Model {
         key: "keysight-34970a",
         role: "logger",
         description: "Keysight 34970A: thermocouples on 101 (cell), 102 (ambient), 103 (bath)",
+        panel_off: None,
         make: |plant, options| Box::new(scanner::Scanner::new(plant, options)),
     },
     Model {
         key: "mock-jig",
         role: "jig",
         description: "the hands that clamp another fixture into the jig",
+        panel_off: None,
         make: |plant, options| Box::new(jig::Jig::new(plant, options)),
     },
 ];
@@ -157,8 +235,29 @@ fn known_models() -> String {
 /// [`UnknownModel`] when no model has this key.
 pub fn make(model: &str, plant: SharedPlant, options: &MockOptions) -> Result<Box<dyn Device>, UnknownModel> {
     let found = MODELS.iter().find(|candidate| candidate.key == model);
-    let device = found.map(|found| (found.make)(plant, options)).ok_or_else(|| UnknownModel { found: model.to_owned() })?;
+    let device = found.map(|found| (found.make)(plant.clone(), options)).ok_or_else(|| UnknownModel { found: model.to_owned() })?;
+    let device: Box<dyn Device> = Box::new(Late { device, plant });
     Ok(if options.echo { Box::new(Echo(device)) } else { device })
+}
+
+/// Answers as late as the world has it.
+struct Late {
+    device: Box<dyn Device>,
+    plant: SharedPlant,
+}
+
+impl Device for Late {
+    fn terminator(&self) -> Terminator {
+        self.device.terminator()
+    }
+
+    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
+        self.device.handle(now_s, message)
+    }
+
+    fn late_s(&self, now_s: f64) -> f64 {
+        self.plant.lock().unwrap_or_else(std::sync::PoisonError::into_inner).late_s(now_s)
+    }
 }
 
 /// Sends every message back before the answer.
@@ -171,5 +270,13 @@ impl Device for Echo {
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
         [message, b"\r\n", &self.0.handle(now_s, message)].concat()
+    }
+
+    fn trouble(&mut self, now_s: f64, message: &[u8]) -> Option<Trouble> {
+        self.0.trouble(now_s, message)
+    }
+
+    fn late_s(&self, now_s: f64) -> f64 {
+        self.0.late_s(now_s)
     }
 }

@@ -36,6 +36,26 @@ pub trait Plant: Send {
 
     /// What is in the jig.
     fn mounted(&self) -> Fixture;
+
+    /// Takes another of the cells under test, by its number from 1, as that which `Fixture::Cell` means. Says whether there is such a cell.
+    fn insert(&mut self, _t_s: f64, number: usize) -> bool {
+        number == 1
+    }
+
+    /// Number of the cell under test that `Fixture::Cell` means.
+    fn inserted(&self) -> usize {
+        1
+    }
+
+    /// The chiller has no flow any more.
+    fn chiller_alarm(&mut self, _t_s: f64) -> bool {
+        false
+    }
+
+    /// How late every answer of every instrument is at `t_s`, s.
+    fn late_s(&self, _t_s: f64) -> f64 {
+        0.0
+    }
 }
 
 /// What can be clamped into the jig, and how the voltage probes are then connected.

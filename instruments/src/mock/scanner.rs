@@ -66,8 +66,13 @@ impl Default for Settings {
 }
 
 impl Scanner {
-    pub(super) fn new(plant: SharedPlant, _: &MockOptions) -> Self {
-        Self { world: World::new(plant), status: Status::new(QUEUE_DEPTH), settings: Settings::default(), readings: Vec::new() }
+    pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
+        Self {
+            world: World::new(plant, options.since_s),
+            status: Status::new(QUEUE_DEPTH),
+            settings: Settings::default(),
+            readings: Vec::new(),
+        }
     }
 
     fn list(arguments: &mut Arguments) -> Fallible<Vec<u16>> {

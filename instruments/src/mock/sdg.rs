@@ -245,7 +245,13 @@ fn on_off(on: bool) -> &'static str {
 impl Sdg {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let (serial_number, waves) = (options.serial_number.clone(), BTreeMap::new());
-        let sdg = Self { world: World::new(plant), serial_number, channels: [Channel::default(); 2], waves, chosen: [None, None] };
+        let sdg = Self {
+            world: World::new(plant, options.since_s),
+            serial_number,
+            channels: [Channel::default(); 2],
+            waves,
+            chosen: [None, None],
+        };
         sdg.act();
         sdg
     }

@@ -71,7 +71,8 @@ impl Default for Settings {
 
 impl Sdl {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
-        let sdl = Self { world: World::new(plant), serial_number: options.serial_number.clone(), settings: Settings::default() };
+        let sdl =
+            Self { world: World::new(plant, options.since_s), serial_number: options.serial_number.clone(), settings: Settings::default() };
         sdl.act();
         sdl
     }

@@ -11,7 +11,7 @@ use tokio::{
     task::JoinHandle,
 };
 
-use super::Device;
+use super::{Device, Fault, Trouble};
 use crate::{
     clock::Clock,
     scpi::decode::ProgramFramer,
@@ -41,11 +41,78 @@ pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWr
                     continue;
                 }
             };
-            let reply = device.handle(clock.now_s(), &message);
-            stream.write_all(&reply).await?;
-            stream.flush().await?;
+            let now_s = clock.now_s();
+            let trouble = device.trouble(now_s, &message);
+            let reply = match trouble {
+                // The power is back before anybody asks again, and what was asked is forgotten.
+                Some(Trouble { fault: Fault::LoseMessage | Fault::PowerCycle, .. }) => Vec::new(),
+                _ => device.handle(now_s, &message),
+            };
+            if !reply.is_empty() {
+                clock.sleep_s(device.late_s(now_s)).await;
+            }
+            match trouble {
+                None => answer(&mut stream, &reply).await?,
+                Some(trouble) => {
+                    if !answer_badly(&mut stream, reply, (trouble, &message), clock).await? {
+                        return Ok(());
+                    }
+                }
+            }
         }
     }
+}
+
+async fn answer(stream: &mut (impl AsyncWrite + Unpin), reply: &[u8]) -> io::Result<()> {
+    stream.write_all(reply).await?;
+    stream.flush().await
+}
+
+/// A late answer that is still in time, one that is not for most links, and a silence that outlasts every one, s.
+const LATE_S: f64 = 1.0;
+const TOO_LATE_S: f64 = 4.0;
+const STALL_S: f64 = 12.0;
+/// Pause between two pieces of an answer, s.
+const PIECE_S: f64 = 0.05;
+
+/// Sends an answer, or what is left of it; false when the connection is gone.
+async fn answer_badly(
+    stream: &mut (impl AsyncWrite + Unpin),
+    mut reply: Vec<u8>,
+    (Trouble { fault, share }, message): (Trouble, &[u8]),
+    clock: &Clock,
+) -> io::Result<bool> {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "an index")]
+    let place = (share * reply.len() as f64) as usize;
+    match fault {
+        Fault::LoseMessage | Fault::LoseReply => return Ok(true),
+        Fault::PowerCycle | Fault::Reset => return Ok(false),
+        Fault::Delay => clock.sleep_s(share * LATE_S).await,
+        Fault::TooLate => clock.sleep_s(TOO_LATE_S).await,
+        Fault::Stall => clock.sleep_s(STALL_S).await,
+        Fault::Duplicate => reply.extend_from_within(..),
+        Fault::Garble => {
+            if let Some(byte) = reply.get_mut(place) {
+                *byte ^= message.first().map_or(1, |first| first & 0x1f) | 1;
+            }
+        }
+        Fault::Truncate => reply.truncate(place),
+        Fault::Split => {
+            let (first, second) = reply.split_at(place);
+            answer(stream, first).await?;
+            clock.sleep_s(PIECE_S).await;
+            answer(stream, second).await?;
+            return Ok(true);
+        }
+        Fault::HalfClose => {
+            answer(stream, &reply).await?;
+            stream.shutdown().await?;
+            return Ok(true);
+        }
+        Fault::Overflow | Fault::OutputOff => {}
+    }
+    answer(stream, &reply).await?;
+    Ok(true)
 }
 
 /// Serves under `name` inside this process until the task is aborted or the hub is gone. The name is taken when this returns.

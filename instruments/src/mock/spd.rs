@@ -36,7 +36,7 @@ pub(super) struct Spd {
 impl Spd {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let spd = Self {
-            world: World::new(plant),
+            world: World::new(plant, options.since_s),
             status: Status::new(QUEUE_DEPTH),
             serial_number: options.serial_number.clone(),
             channels: [SupplyState::default(); 2],

@@ -11,8 +11,9 @@ pub(super) struct World {
 }
 
 impl World {
-    pub(super) fn new(plant: SharedPlant) -> Self {
-        Self { plant, now_s: 0.0 }
+    /// A hold on the world from the time of switching on, bench s.
+    pub(super) fn new(plant: SharedPlant, now_s: f64) -> Self {
+        Self { plant, now_s }
     }
 
     /// The plant, locked. A panic elsewhere must not take the whole bench down, so that poison is ignored.

@@ -3,6 +3,7 @@
 //! Nothing of an earlier session is trusted: transfer start, stride, width and format survive disconnects on these instruments, so every download
 //! sets them again, and takes its scaling from the same acquisition.
 
+mod rigol_dho;
 mod siglent_sds;
 
 use crate::{
@@ -45,6 +46,8 @@ pub struct Capabilities {
     pub horizontal_div: f64,
     /// Slowest time per division.
     pub max_time_per_div: Seconds,
+    /// It can send every n-th point by itself; else all are fetched and thinned out here, and every page is asked for by its ends.
+    pub thins_out: bool,
 }
 
 impl Capabilities {
@@ -111,6 +114,8 @@ pub enum Intent {
     Page {
         /// Its index.
         start: u64,
+        /// Points of the whole record.
+        total: u64,
     },
 }
 
@@ -189,7 +194,11 @@ pub trait Dialect: Model {
     fn script(&self, intent: &Intent) -> Vec<Exchange>;
     /// The queries.
     fn queries(&self) -> Queries;
-    /// Reads a descriptor.
+    /// The descriptor comes as a line of text, not as a block.
+    fn preamble_is_text(&self) -> bool {
+        false
+    }
+    /// Reads a descriptor; where it does not tell how many points the record has, none, and the delay of the first.
     ///
     /// # Errors
     /// What was expected of the descriptor.
@@ -202,7 +211,7 @@ pub trait Dialect: Model {
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sds::SDS800X_HD];
+pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sds::SDS800X_HD, &rigol_dho::DHO800];
 
 /// Frames come in at most ten status polls a second; older Siglents crash under faster ones.
 const POLL_S: f64 = 0.1;
@@ -255,36 +264,55 @@ impl Instrument<dyn Dialect> {
             .filter(|count| *count >= 1.0)
             .ok_or_else(|| LinkError::unexpected(self.link.name(), queries.points, &answer, "a number of points"))?;
         let stride = ((in_memory / points.max(1) as f64).round() as u64).max(1);
-        let waveform = self.transfer(channel, stride).await?;
-        if waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride) {
-            return Ok(waveform);
+        if self.dialect.capabilities().thins_out {
+            let waveform = self.transfer(channel, (stride, in_memory as u64)).await?;
+            if waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride) {
+                return Ok(waveform);
+            }
         }
         // Whether the start of a second page counts points of the record or those left by the stride is written nowhere: what the scope thins out
         // must fit one page, the rest is thinned out here. How long a page is shows when it comes; some are shorter than announced.
-        let mut whole = self.transfer(channel, 1).await?;
+        let mut whole = self.transfer(channel, (1, in_memory as u64)).await?;
         whole.codes = whole.codes.into_iter().step_by(usize::try_from(stride).unwrap_or(usize::MAX)).collect();
         whole.interval_s *= stride as f64;
         Ok(whole)
     }
 
     /// Downloads one channel with a stride; with a stride above 1, one page of it.
-    async fn transfer(&mut self, channel: u8, stride: u64) -> Result<Waveform, LinkError> {
-        let queries = self.dialect.queries();
+    async fn transfer(&mut self, channel: u8, (stride, in_memory): (u64, u64)) -> Result<Waveform, LinkError> {
         self.set(&Intent::Transfer { channel, stride }).await?;
-        let block = self.link.query_block(queries.preamble).await?;
-        let preamble = self
-            .dialect
-            .preamble(&block)
-            .map_err(|expected| LinkError::unexpected(self.link.name(), queries.preamble, &format!("{} bytes", block.len()), &expected))?;
+        let preamble = self.preamble(in_memory).await?;
         let total = preamble.points.div_ceil(stride);
+        if !self.dialect.capabilities().thins_out {
+            self.set(&Intent::Page { start: 0, total }).await?;
+        }
         let mut codes = self.page(0, total).await?;
         while stride == 1 && (codes.len() as u64) < total {
             let start = codes.len() as u64;
-            self.set(&Intent::Page { start }).await?;
+            self.set(&Intent::Page { start, total }).await?;
             codes.extend(self.page(start, total).await?);
         }
         codes.truncate(usize::try_from(total).unwrap_or(usize::MAX));
         Ok(Waveform { channel, codes, preamble, interval_s: preamble.interval_s * stride as f64 })
+    }
+
+    /// The descriptor of the chosen channel; where it does not tell the points, the record has those of the memory.
+    async fn preamble(&mut self, in_memory: u64) -> Result<Preamble, LinkError> {
+        let query = self.dialect.queries().preamble;
+        let (bytes, met) = if self.dialect.preamble_is_text() {
+            let text = self.link.query(query).await?;
+            (text.clone().into_bytes(), text)
+        } else {
+            let block = self.link.query_block(query).await?;
+            let met = format!("{} bytes", block.len());
+            (block, met)
+        };
+        let preamble = self.dialect.preamble(&bytes).map_err(|expected| LinkError::unexpected(self.link.name(), query, &met, &expected))?;
+        if preamble.points > 0 {
+            return Ok(preamble);
+        }
+        let delay_s = preamble.delay_s + 0.5 * in_memory as f64 * preamble.interval_s;
+        Ok(Preamble { points: in_memory, delay_s, ..preamble })
     }
 
     async fn page(&mut self, start: u64, total: u64) -> Result<Vec<i16>, LinkError> {

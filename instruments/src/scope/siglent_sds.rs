@@ -56,6 +56,7 @@ impl Dialect for Sds {
             half_range_div: 32_768.0 / 7_680.0,
             horizontal_div: 10.0,
             max_time_per_div: Seconds(1000.0),
+            thins_out: true,
         }
     }
 
@@ -110,7 +111,7 @@ impl Dialect for Sds {
                 Exchange::word(":WAVeform:WIDTh WORD", ":WAVeform:WIDTh?", &["WORD"]),
                 Exchange::word(":WAVeform:BYTeorder LSB", ":WAVeform:BYTeorder?", &["LSB"]),
             ],
-            Intent::Page { start: first } => vec![start(*first)],
+            Intent::Page { start: first, .. } => vec![start(*first)],
         }
     }
 

@@ -1,9 +1,11 @@
 //! The DC supply that charges the cell, constant current then constant voltage.
 
+mod keysight_e36312a;
+mod rigol_dp832;
 mod siglent_spd;
 
 use crate::{
-    exchange::{Exchange, forget_errors, play, play_all},
+    exchange::{Answer, Exchange, forget_errors, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Volts},
@@ -40,7 +42,7 @@ pub trait Dialect: Model {
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&siglent_spd::SPD3303X];
+pub const DIALECTS: &[&dyn Dialect] = &[&siglent_spd::SPD3303X, &keysight_e36312a::E36312A, &rigol_dp832::DP832];
 
 /// Channel 1 of a DC supply on its link.
 pub type Supply = Instrument<dyn Dialect>;
@@ -75,6 +77,14 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         play_all(&mut self.link, &self.dialect.output(false)).await
+    }
+
+    /// Asks whether the output is off, and changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
+        look(&mut self.link, &self.dialect.output(false)).await
     }
 
     /// Voltage at the terminals and current delivered.

@@ -138,7 +138,10 @@ mod tests {
         script
             .iter()
             .map(|exchange| match exchange {
-                Exchange::Send(message) | Exchange::Set { message, .. } | Exchange::Refuse { message, .. } => message.as_str(),
+                Exchange::Send(message)
+                | Exchange::Set { message, .. }
+                | Exchange::Ask { message, .. }
+                | Exchange::Refuse { message, .. } => message.as_str(),
                 Exchange::Data { head, .. } => head.as_str(),
             })
             .collect()

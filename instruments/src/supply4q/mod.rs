@@ -6,7 +6,7 @@
 mod kepco;
 
 use crate::{
-    exchange::{Exchange, forget_errors, play, play_all},
+    exchange::{Answer, Exchange, forget_errors, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Hertz, Volts},
@@ -101,6 +101,14 @@ impl Instrument<dyn Dialect> {
         let off = play_all(&mut self.link, &self.dialect.output(false)).await;
         let digital = play_all(&mut self.link, &self.dialect.analog(false)).await;
         off.and(digital)
+    }
+
+    /// Asks whether the output is off, and changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
+        look(&mut self.link, &self.dialect.output(false)).await
     }
 
     /// Terminal voltage and current (charge positive).

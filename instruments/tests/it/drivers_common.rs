@@ -78,6 +78,11 @@ impl Rig {
         open("memory:device", profile, &self.clock, &self.hub, Tap::new(self.tape.clone())).await.unwrap()
     }
 
+    /// Where the instrument listens, as `device`.
+    pub(crate) fn hub(&self) -> &MemoryHub {
+        &self.hub
+    }
+
     /// Somebody else uses the instrument, and goes.
     pub(crate) async fn earlier_user(&self, terminator: Terminator, messages: &[&str]) {
         let profile = LinkProfile { grammar: Grammar::Plain, terminator, error_query: None, ..LinkProfile::scpi() };

@@ -94,6 +94,12 @@ fn what_the_load_does_not_take_over_is_named() {
                 b"0.000000\n",
                 "dev: after `:VOLT:LEV:ON 2.750`, `:VOLT:LEV:ON?` answered `0.000000`: expected a number within 5.0e-3 of 2.75",
             ),
+            (
+                ":CURR:PROT:LEV?",
+                b"30.000000\n",
+                "dev: after `:CURR:PROT:LEV 1.7500`, `:CURR:PROT:LEV?` answered `30.000000`: expected a number within 5.0e-3 of 1.75",
+            ),
+            (":CURR:PROT:STAT?", b"0\n", "dev: after `:CURR:PROT:STAT ON`, `:CURR:PROT:STAT?` answered `0`: expected 1 or ON"),
         ] {
             let rig = Rig::with(clock.clone(), LOAD, &MockOptions::default(), &[(query, answer)]);
             let mut load = self::load(&rig).await;

@@ -157,7 +157,7 @@ fn an_alarm_keeps_the_chiller_from_starting_and_a_warning_does_not() {
         }
         let rig = Rig::with(clock, CHILLER, &MockOptions::default(), &[("IN_PV_00", b"---.--\r\n")]);
         let error = chiller(&rig).await.temperature().await.unwrap_err().to_string();
-        assert_eq!(error, "dev: `IN_PV_00` answered `---.--`: expected a number");
+        assert_eq!(error, "dev: `IN_PV_00` answered `---.--`: expected a temperature");
     });
 }
 

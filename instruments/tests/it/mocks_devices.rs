@@ -347,6 +347,16 @@ fn the_jig_changes_fixtures() {
 }
 
 #[test]
+fn the_jig_takes_only_the_cells_that_there_are() {
+    let mut bench = Bench::new("mock-jig");
+    bench.table(&[("JIG:CELL?", "1\n"), ("JIG:CELL 1", ""), ("SYST:ERR?", "0,\"No error\"\n")]);
+    for none in ["2", "0", "1.5", "-1"] {
+        bench.table(&[(&format!("JIG:CELL {none}"), ""), ("SYST:ERR?", "-222,\"Data out of range\"\n")]);
+    }
+    bench.table(&[("JIG:CELL?", "1\n")]);
+}
+
+#[test]
 fn an_unknown_model_is_named_with_the_known_ones() {
     let plant = Bench::new("mock-jig").plant;
     let message = mock::make("teapot", plant, &MockOptions::default()).err().unwrap().to_string();

@@ -1,26 +1,43 @@
 //! A plan played stage by stage: controls are judged and the correction is made from them, sweeps and traces go into the index.
 
-use std::collections::BTreeMap;
+use std::collections::{
+    BTreeMap,
+    btree_map::Entry::{Occupied, Vacant},
+};
 
 use analysis::{
     calibration::Correction,
-    dataset::{self, FlaggedPoint, Role, SweepEntry},
-    spectrum::{ImpedancePoint, Spectrum, at_one_time},
+    dataset::{self, SweepEntry},
+    spectrum::Spectrum,
 };
-use instruments::{clock::Clock, mock::plant::Fixture};
+use instruments::{
+    clock::{Clock, TimeMode},
+    mock::plant::Fixture,
+};
 
-use super::{Measured, safe};
+use super::{
+    Measured, Past, multisine, safe,
+    sweeping::{Settled, Sweeping},
+};
 use crate::{
     bench::Bench,
     command::Failure,
     config::Experiment,
-    executor::{ExecuteError, Executor, SweepPoint},
+    executor::{Entrance, ExecuteError, Executor, SweepPoint},
     fixture_check,
+    journal::{Entry, PointDone},
     operator::Operator,
-    plan::{Checked, Purpose, Stage, Step, fixture_name},
+    plan::{Checked, Plan, Purpose, Stage, fixture_name},
     progress::Progress,
-    record::{Recorder, sweep_name},
+    record::{RecordError, Recorder},
+    wishes::{self, Wishes},
 };
+
+/// What came before: the correction of another run on the same bench, or the part of this one that was done before its process died.
+pub(super) struct Before<'a> {
+    pub(super) inherited: Option<Correction>,
+    pub(super) past: Option<&'a Past>,
+}
 
 /// Executes the plan, stage by stage, and judges the controls as soon as they are measured.
 pub(super) async fn drive(
@@ -28,10 +45,12 @@ pub(super) async fn drive(
     experiment: &Experiment,
     plan: &Checked,
     (clock, operator, progress): (&Clock, &Operator, &Progress),
-    inherited: Option<Correction>,
+    before: Before<'_>,
 ) -> Result<Measured, Failure> {
     safe(bench.safe_state().await, Ok(()))?;
-    let mut measured = Measured {
+    recorder.journal(Entry::Safe)?;
+    let Before { inherited, past } = before;
+    let measured = Measured {
         controls: Vec::new(),
         sweeps: BTreeMap::new(),
         correction: inherited.clone().unwrap_or_else(|| Correction::none(experiment.bench.wiring.shunt)),
@@ -46,27 +65,14 @@ pub(super) async fn drive(
         executor.recorder.json("correction.json", &correction)?;
         executor.correction = correction;
     }
-    for stage in &plan.plan().stages {
-        if let Purpose::Multisine(repeat) = stage.purpose {
-            super::multisine::measure(&mut executor, (stage, repeat), &mut measured).await?;
-            continue;
-        }
-        let Purpose::Sweep(fixture, repeat) = stage.purpose else {
-            executor.stage(stage, &mut |_, _| Ok(())).await?;
-            continue;
-        };
-        let points = sweep(&mut executor, stage, (fixture, repeat), &mut measured).await?;
-        if repeat == 0 {
-            judge(executor.recorder, experiment, (fixture, &points), &mut measured)?;
-        }
-        measured.sweeps.entry(fixture_name(fixture)).or_insert(points);
-        // Before anything is done with the cell, its state of charge included.
-        let controls = experiment.fixture_check.as_ref().map_or(0, |check| check.controls.len());
-        if repeat == 0 && measured.controls.len() == controls {
-            correct(executor.recorder, experiment, &mut measured)?;
-            executor.correction = measured.correction.clone();
-        }
+    let mut drive = Drive { executor, experiment, plan: plan.plan(), past, measured, spectra: BTreeMap::new() };
+    drive.restore()?;
+    drive.play().await?;
+    let Drive { executor, mut measured, mut spectra, .. } = drive;
+    if let Some((_, spectrum)) = spectra.pop_first() {
+        measured.spectrum = spectrum;
     }
+    measured.repeats = spectra.into_values().collect();
     if !measured.spectrum.points.is_empty() {
         dataset::write_spectrum_parquet(&executor.recorder.path("spectrum.parquet"), &measured.spectrum.points)
             .map_err(crate::record::RecordError::from)?;
@@ -74,128 +80,167 @@ pub(super) async fn drive(
     Ok(measured)
 }
 
-/// One sweep: every point is in the files as soon as it is measured, and the whole sweep in the index.
-async fn sweep(
-    executor: &mut Executor<'_>,
-    stage: &Stage,
-    (fixture, repeat): (Fixture, usize),
-    measured: &mut Measured,
-) -> Result<Vec<SweepPoint>, Failure> {
-    let (name, experiment, correction) = (sweep_name(fixture, repeat), executor.experiment, measured.correction.clone());
-    let cell = fixture == Fixture::Cell;
-    let corrected = cell || (repeat > 0 && correction.reduced_chi2.is_some());
-    let file = match (cell, repeat) {
-        (true, 0 | 1) => "spectrum.csv".to_owned(),
-        (true, _) => format!("spectrum_{repeat}.csv"),
-        (false, _) => format!("spectrum_{name}.csv"),
-    };
-    let mut spectrum = Spectrum { name: experiment.name.clone(), points: Vec::new() };
-    let start_time_s = executor.clock.now_s();
-    let mut on_point = |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
-        let raw = fixture_check::raw_points(&experiment.bench, std::slice::from_ref(point));
-        for point in &raw {
-            recorder.spectrum_point(&format!("raw_{name}.csv"), point)?;
-        }
-        if corrected {
-            recorder.spectrum_point(&file, &correction.apply(&point.phasors))?;
-        }
-        for warning in &point.warnings {
-            recorder.point_warning(&name, point.phasors.freq_hz, warning);
+struct Drive<'a, 'b> {
+    executor: Executor<'a>,
+    experiment: &'a Experiment,
+    plan: &'b Plan,
+    past: Option<&'b Past>,
+    measured: Measured,
+    /// Corrected sweeps of the cell, by their numbers.
+    spectra: BTreeMap<usize, Spectrum>,
+}
+
+impl<'a, 'b> Drive<'a, 'b> {
+    /// What finished stages have given, from the run folder.
+    fn restore(&mut self) -> Result<(), Failure> {
+        let Some(past) = self.past else { return Ok(()) };
+        for (number, stage) in self.plan.stages.iter().enumerate().filter(|(number, _)| past.story.finished(*number)) {
+            if let Purpose::Multisine(repeat) = stage.purpose {
+                self.measured.multisines.push(multisine::restore(self.executor.recorder, repeat)?);
+            }
+            let Purpose::Sweep(fixture, repeat) = stage.purpose else { continue };
+            let points: Vec<&PointDone> = past.story.stages.get(&number).map_or_else(Vec::new, |story| story.points.values().collect());
+            let sweeping = self.sweeping((fixture, repeat));
+            sweeping.restore(self.executor.recorder, &points)?;
+            let settled = sweeping.settle(self.executor.recorder, points.into_iter().map(|point| point.point.clone()).collect())?;
+            sweeping.flags(&settled.points, &mut |freq_hz, text| {
+                self.executor.recorder.known_point_warning(&sweeping.name, freq_hz, text);
+            });
+            self.finish((fixture, repeat), settled, true)?;
         }
         Ok(())
-    };
-    let mut points = executor.stage(stage, &mut on_point).await?;
-    // Records that were taken again, and any order: the files hold what counts, by rising frequency.
-    points.sort_by(|a, b| a.phasors.freq_hz.total_cmp(&b.phasors.freq_hz));
-    let read = fixture_check::raw_points(&experiment.bench, &points);
-    let visits: Vec<(f64, ImpedancePoint)> = points.iter().zip(read).map(|(point, read)| (point.time_s, read)).collect();
-    executor.recorder.spectrum(&format!("raw_{name}.csv"), &at_one_time(&visits))?;
-    if corrected {
-        spectrum.points = frozen(&points, &correction);
-        executor.recorder.spectrum(&file, &spectrum.points)?;
     }
-    let flagged = flags(executor.recorder, &name, &points);
-    if repeat > 0 {
-        let file = if corrected { file } else { format!("raw_{name}.csv") };
-        let entry = SweepEntry { flagged, ..entry(executor, (stage, fixture, repeat), (file, start_time_s), measured) };
-        executor.recorder.sweep(entry)?;
-    }
-    if cell {
-        let own = |point: &SweepPoint| correction.measured_parts(&point.phasors).into_iter().sum();
-        let visits: Vec<(f64, ImpedancePoint)> = points
-            .iter()
-            .map(|point| (point.time_s, ImpedancePoint { covariance: own(point), ..correction.apply(&point.phasors) }))
-            .collect();
-        measured.own_noise.push(Spectrum { name: spectrum.name.clone(), points: at_one_time(&visits) });
-    }
-    match (cell, repeat) {
-        (true, 1) => measured.spectrum = spectrum,
-        (true, _) => measured.repeats.push(spectrum),
-        (false, _) => {}
-    }
-    points.dedup_by(|a, b| a.phasors.freq_hz == b.phasors.freq_hz);
-    Ok(points)
-}
 
-/// Corrected points, each frequency once: where it was visited twice, at the time in the middle of the sweep.
-fn frozen(points: &[SweepPoint], correction: &Correction) -> Vec<ImpedancePoint> {
-    let visits: Vec<(f64, ImpedancePoint)> = points.iter().map(|point| (point.time_s, correction.apply(&point.phasors))).collect();
-    at_one_time(&visits)
-}
-
-/// What the quality gate refused to the end, said and in words of the index.
-fn flags(recorder: &mut Recorder, name: &str, points: &[SweepPoint]) -> Vec<FlaggedPoint> {
-    let mut flagged = Vec::new();
-    for point in points.iter().filter(|point| !point.failing.is_empty()) {
-        let freq_hz = point.phasors.freq_hz;
-        let reasons: Vec<String> = point.failing.iter().map(ToString::to_string).collect();
-        for failing in &point.failing {
-            recorder.point_warning(
-                name,
-                freq_hz,
-                &format!("flagged by the quality gate after {} records: {}", point.captures, failing.criterion),
-            );
+    /// Everything that is left to do.
+    async fn play(&mut self) -> Result<(), Failure> {
+        let finished = |number: &usize| self.past.is_some_and(|past| past.story.finished(*number));
+        let mut left: Vec<usize> = (0..self.plan.stages.len()).filter(|number| !finished(number)).collect();
+        let mut run = None;
+        if let Some(Past { next, .. }) = self.past {
+            if let Some(again) = next.again {
+                self.stage(again, Entrance::default()).await?;
+            }
+            if let Some((open, from)) = next.open {
+                left.retain(|number| *number != open);
+                self.stage(open, Entrance { from, points: self.known(open) }).await?;
+                run = self.run_of(open);
+            }
         }
-        flagged.push(FlaggedPoint { freq_hz, reasons });
+        while !left.is_empty() {
+            self.reorder(&mut left, run);
+            let number = left.remove(0);
+            run = self.run_of(number);
+            self.stage(number, Entrance::default()).await?;
+        }
+        Ok(())
     }
-    flagged
+
+    /// Points of a stage that was interrupted.
+    fn known(&self, number: usize) -> Vec<&'b PointDone> {
+        self.past.and_then(|past| past.story.stages.get(&number)).map_or_else(Vec::new, |story| story.points.values().collect())
+    }
+
+    fn run_of(&self, number: usize) -> Option<usize> {
+        self.plan.stages.get(number).and_then(Stage::run)
+    }
+
+    /// The order that is wanted, once the run in work is done.
+    fn reorder(&self, left: &mut [usize], run: Option<usize>) {
+        if self.experiment.campaign.is_none() || self.executor.clock.mode() == TimeMode::Virtual {
+            return;
+        }
+        let mut order = Wishes::read(self.executor.recorder.folder()).order;
+        order.splice(0..0, run);
+        // The controls come before every run.
+        let controls = left.iter().take_while(|number| self.run_of(**number).is_none()).count();
+        wishes::reorder(&mut left[controls..], &order, |number| self.plan.stages.get(*number).and_then(Stage::run));
+    }
+
+    /// One stage, and what is made of it.
+    async fn stage(&mut self, number: usize, entrance: Entrance<'_>) -> Result<(), Failure> {
+        let Some(stage) = self.plan.stages.get(number) else { return Ok(()) };
+        match stage.purpose {
+            Purpose::Sweep(fixture, repeat) => self.sweep((number, stage), (fixture, repeat), &entrance).await?,
+            Purpose::Multisine(repeat) => {
+                let run = multisine::measure(&mut self.executor, ((number, stage), repeat), &self.measured).await?;
+                self.measured.multisines.push(run);
+            }
+            Purpose::Temperature | Purpose::SocReset | Purpose::OcvSoc | Purpose::Trace => {
+                self.executor.stage((number, stage), &entrance, &mut |_, _| Ok(())).await?;
+            }
+        }
+        Ok(self.executor.recorder.journal(Entry::StageDone { stage: number })?)
+    }
+
+    fn sweeping(&self, of: (Fixture, usize)) -> Sweeping<'a> {
+        Sweeping::new(self.experiment, of, self.measured.correction.clone())
+    }
+
+    /// One sweep: every point is in the files as soon as it is measured, and the whole sweep in the index.
+    async fn sweep(&mut self, stage: (usize, &Stage), of: (Fixture, usize), entrance: &Entrance<'_>) -> Result<(), Failure> {
+        let sweeping = self.sweeping(of);
+        let start_time_s = self.past.filter(|_| !entrance.points.is_empty()).and_then(|past| past.story.stages.get(&stage.0));
+        let start_time_s = start_time_s.map_or_else(|| self.executor.clock.now_s(), |story| story.began_s);
+        let recorder = &mut *self.executor.recorder;
+        recorder.forget_sweep(sweeping.indexed());
+        recorder.drop_captures(&sweeping.name, &entrance.points)?;
+        sweeping.restore(recorder, &entrance.points)?;
+        let mut on_point = |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
+            sweeping.record(recorder, point)?;
+            point.warnings.iter().for_each(|warning| recorder.point_warning(&sweeping.name, point.phasors.freq_hz, warning));
+            Ok(())
+        };
+        let points = self.executor.stage(stage, entrance, &mut on_point).await?;
+        let settled = sweeping.settle(self.executor.recorder, points)?;
+        let recorder = &mut *self.executor.recorder;
+        let flagged = sweeping.flags(&settled.points, &mut |freq_hz, text| recorder.point_warning(&sweeping.name, freq_hz, text));
+        if of.1 > 0 {
+            let entry = SweepEntry { flagged, ..sweeping.entry(&self.executor, (stage.1, start_time_s)) };
+            self.executor.recorder.sweep(entry)?;
+        }
+        self.finish(of, settled, false)
+    }
+
+    /// What follows from a whole sweep. `restored`: it was told before.
+    fn finish(
+        &mut self,
+        (fixture, repeat): (Fixture, usize),
+        Settled { points, spectrum, own_noise }: Settled,
+        restored: bool,
+    ) -> Result<(), Failure> {
+        if fixture == Fixture::Cell {
+            self.spectra.insert(repeat, spectrum);
+            self.measured.own_noise.push(own_noise);
+        }
+        let tell = |recorder: &mut Recorder, text: &str| if restored { Ok(()) } else { recorder.event(text) };
+        if repeat == 0 {
+            judge(self.executor.recorder, self.experiment, (fixture, &points), (&mut self.measured, &tell))?;
+        }
+        let first = repeat <= 1;
+        match self.measured.sweeps.entry(fixture_name(fixture)) {
+            Occupied(mut known) if first => drop(known.insert(points)),
+            Occupied(_) => {}
+            Vacant(place) => drop(place.insert(points)),
+        }
+        // Before anything is done with the cell, its state of charge included.
+        let controls = self.experiment.fixture_check.as_ref().map_or(0, |check| check.controls.len());
+        if repeat == 0 && self.measured.controls.len() == controls {
+            correct(self.executor.recorder, self.experiment, (&mut self.measured, &tell))?;
+            self.executor.correction = self.measured.correction.clone();
+        }
+        Ok(())
+    }
 }
 
-/// A sweep in words of the index.
-fn entry(
-    executor: &Executor<'_>,
-    (stage, fixture, repeat): (&Stage, Fixture, usize),
-    (file, start_time_s): (String, f64),
-    measured: &Measured,
-) -> SweepEntry {
-    let (experiment, cell) = (executor.experiment, fixture == Fixture::Cell);
-    let driven = stage.steps.iter().find_map(|step| if let Step::Sine { amplitude_a, .. } = step { Some(*amplitude_a) } else { None });
-    let amplitude_a = driven.unwrap_or(f64::NAN);
-    let several = experiment.eis.as_ref().is_some_and(|eis| eis.steps_a.len() > 1);
-    let group = if cell { "eis" } else { "eis_shunt" };
-    SweepEntry {
-        file,
-        fixture: fixture_name(fixture).to_owned(),
-        fixture_ohm: (!cell).then_some(fixture_check::known(&experiment.bench, fixture).r_ohm),
-        corrected: measured.correction.reduced_chi2.is_some(),
-        amplitude_a,
-        repeat,
-        order: executor.recorder.measured(),
-        start_time_s,
-        start_ocv_v: executor.idle.voltage_v.filter(|_| cell),
-        temperature_c: executor.idle.temperature_c.filter(|_| cell),
-        role: Role::Train,
-        repeat_group: if several { format!("{group}_{amplitude_a}A") } else { group.to_owned() },
-        flagged: Vec::new(),
-    }
-}
+/// Says what came out, unless it was said before.
+type Tell<'a> = &'a dyn Fn(&mut Recorder, &str) -> Result<(), RecordError>;
 
 /// Stops the run when a control that was just measured is off as read.
 fn judge(
     recorder: &mut Recorder,
     experiment: &Experiment,
     (fixture, points): (Fixture, &[SweepPoint]),
-    measured: &mut Measured,
+    (measured, tell): (&mut Measured, Tell<'_>),
 ) -> Result<(), Failure> {
     let tolerance = experiment.fixture_check.iter().flat_map(|check| &check.controls).find(|(control, _)| *control == fixture);
     let Some((_, tolerance)) = tolerance else { return Ok(()) };
@@ -203,7 +248,7 @@ fn judge(
     let mut result = fixture_check::judge_raw(&experiment.bench, fixture, tolerance, swept);
     result.believed_as_read = Some(fixture_check::believed_as_read(experiment, fixture, points));
     let text = format!("{} as read: {}", result.control, result.raw.text);
-    recorder.event(&text).map_err(Failure::from)?;
+    tell(recorder, &text)?;
     let passed = result.raw.passed;
     measured.controls.push(result);
     recorder.json("controls.json", &measured.controls)?;
@@ -211,7 +256,7 @@ fn judge(
 }
 
 /// Computes the correction from the controls and stops the run when it does not make them right.
-fn correct(recorder: &mut Recorder, experiment: &Experiment, measured: &mut Measured) -> Result<(), Failure> {
+fn correct(recorder: &mut Recorder, experiment: &Experiment, (measured, tell): (&mut Measured, Tell<'_>)) -> Result<(), Failure> {
     let Some(check) = &experiment.fixture_check else { return Ok(()) };
     let correction = fixture_check::correction(&experiment.bench, &measured.sweeps)
         .map_err(|error| Failure::FixtureCheck(format!("no correction can be computed: {error}")))?;
@@ -226,7 +271,7 @@ fn correct(recorder: &mut Recorder, experiment: &Experiment, measured: &mut Meas
         let verdict = fixture_check::judge_corrected(&experiment.bench, fixture, correction, fixture_check::swept(experiment, points));
         control.believed = Some(fixture_check::believed(experiment, fixture, correction, points));
         let text = format!("{name} after the correction: {}", verdict.text);
-        recorder.event(&text)?;
+        tell(recorder, &text)?;
         if !verdict.passed && wrong.is_none() {
             wrong = Some(text);
         }

@@ -1,5 +1,6 @@
 //! What is made of a finished run: fits, model files, plots, the report, and a summary for the terminal.
 
+mod campaign;
 mod ocv;
 mod records;
 mod report;
@@ -30,7 +31,7 @@ pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: 
         summary(recorder, experiment, measured, fits).replacen("\nrun folder:", &format!("{ocv}\nrun folder:"), 1)
     };
     if measured.spectrum.points.is_empty() {
-        return Ok(summary(recorder, experiment, measured, (&[], None)));
+        return Ok(summary(recorder, experiment, measured, (&[], None, None)));
     }
     let fits = fit_orders(recorder, experiment, measured);
     let pack = Pack::new(experiment.cell.series, experiment.cell.parallel, 0.0).map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -49,8 +50,11 @@ pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: 
     let budget = Budget::new(&measured.correction, cell.iter().map(|point| &point.phasors));
     recorder.text("budget.csv", &budget.to_csv())?;
     recorder.json("budget.json", &budget)?;
-    report::write(recorder, experiment, measured, (&fits, &budget))?;
-    Ok(summary(recorder, experiment, measured, (&fits, Some(&budget))))
+    let told =
+        experiment.campaign.as_ref().map(|campaign| campaign::write(recorder, experiment, campaign, (measured, &fits))).transpose()?;
+    let text = told.as_ref().map(|told| told.text.clone());
+    report::write(recorder, experiment, measured, (&fits, &budget, told))?;
+    Ok(summary(recorder, experiment, measured, (&fits, Some(&budget), text.as_deref())))
 }
 
 /// The orders that could be fitted, to all sweeps of the cell together; one that could not is noted and does not cost the others.
@@ -116,7 +120,12 @@ fn range_warnings(recorder: &mut Recorder, measured: &Measured) {
     }
 }
 
-fn summary(recorder: &Recorder, experiment: &Experiment, measured: &Measured, (fits, budget): (&[ErmFit], Option<&Budget>)) -> String {
+fn summary(
+    recorder: &Recorder,
+    experiment: &Experiment,
+    measured: &Measured,
+    (fits, budget, campaign): (&[ErmFit], Option<&Budget>, Option<&str>),
+) -> String {
     let mut lines = vec![format!("{} on bench {}: {}", experiment.name, experiment.bench.name, experiment.cell.name), String::new()];
     for control in &measured.controls {
         lines.push(format!("control {}, as read: {}", control.control, control.raw.text));
@@ -138,6 +147,7 @@ fn summary(recorder: &Recorder, experiment: &Experiment, measured: &Measured, (f
     lines.extend(measured.multisines.iter().map(super::multisine::in_words));
     lines.extend(linearity_in_words(measured).map(|(_, text)| text));
     lines.extend(budget.map(Budget::in_words).into_iter().flatten());
+    lines.extend(campaign.map(str::to_owned));
     lines.push(String::new());
     for fit in fits {
         let chi2 = fit.reduced_chi2.map_or_else(String::new, |chi2| format!(", reduced χ² {chi2:.2}"));

@@ -99,7 +99,7 @@ impl Settings {
 impl Kepco {
     pub(super) fn new(family: Family, plant: SharedPlant, options: &MockOptions) -> Self {
         let kepco = Self {
-            world: World::new(plant),
+            world: World::new(plant, options.since_s),
             status: Status::new(QUEUE_DEPTH),
             family,
             serial_number: options.serial_number.clone(),

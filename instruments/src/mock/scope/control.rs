@@ -2,8 +2,11 @@
 
 use scpi::error::ErrorCode;
 
-use super::{CHANNELS, DEPTHS, SCALE_RANGE, Scope, acquisition::Mode};
-use crate::mock::tree::{Answer, Argument, Arguments, Fallible, fail, text, to_number};
+use super::{CHANNELS, DEPTHS, SCALE_RANGE, Scope};
+use crate::mock::{
+    acquisition::Mode,
+    tree::{Answer, Argument, Arguments, Fallible, fail, text, to_number},
+};
 
 /// Time scales, s/div.
 const TIME_SCALE_RANGE: (f64, f64) = (1e-9, 1000.0);
@@ -181,10 +184,10 @@ impl Scope {
 
     pub(super) fn set_trigger_mode(&mut self, arguments: &mut Arguments) -> Fallible {
         match arguments.word(&["AUTO", "NORMal", "SINGle", "FTRIG"])? {
-            "AUTO" => self.set_mode(Mode::Auto),
-            "NORMal" => self.set_mode(Mode::Normal),
-            "SINGle" => self.set_mode(Mode::Single),
-            _ => self.force_trigger(),
+            "AUTO" => self.acquisition.set_mode(Mode::Auto, self.world.now_s),
+            "NORMal" => self.acquisition.set_mode(Mode::Normal, self.world.now_s),
+            "SINGle" => self.acquisition.set_mode(Mode::Single, self.world.now_s),
+            _ => self.acquisition.force_trigger(self.world.now_s),
         }
         Ok(())
     }

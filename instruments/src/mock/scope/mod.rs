@@ -28,7 +28,7 @@ use super::{
 };
 use crate::scpi::decode::Terminator;
 
-use acquisition::Acquisition;
+use super::acquisition::Acquisition;
 
 pub(super) const CHANNELS: usize = 4;
 /// Horizontal divisions of the screen.
@@ -51,7 +51,7 @@ pub(super) struct Scope {
     serial_number: String,
     page_points: usize,
     panel: Panel,
-    acquisition: Acquisition,
+    acquisition: Acquisition<Panel>,
     transfer: Transfer,
     /// Significant digits of real numbers in answers.
     digits: usize,
@@ -175,7 +175,7 @@ impl Default for Transfer {
 impl Scope {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         Self {
-            world: World::new(plant),
+            world: World::new(plant, options.since_s),
             status: Status::new(QUEUE_DEPTH),
             serial_number: options.serial_number.clone(),
             page_points: options.page_points.max(1),

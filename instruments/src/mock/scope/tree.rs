@@ -54,8 +54,8 @@ const TRIGGER: Node<'static, Scope> = Branch! {b"TRIGger";
         Leaf! {b"LEVel" => &both(Scope::set_level, |s, _| s.real(s.panel.trigger.level))}
     },
     Leaf! {b"MODE" => &both(Scope::set_trigger_mode, Scope::trigger_mode)},
-    Leaf! {b"RUN" => &set(|s, _| settle(s, Scope::run))},
-    Leaf! {b"STOP" => &set(|s, _| settle(s, Scope::stop))},
+    Leaf! {b"RUN" => &set(|s, _| settle(s, |s| s.acquisition.run(s.world.now_s)))},
+    Leaf! {b"STOP" => &set(|s, _| settle(s, |s| s.acquisition.stop()))},
     Leaf! {b"STATus" => &get(|s: &mut Scope, _| text(s.trigger_status()))}
 };
 
@@ -91,7 +91,7 @@ pub(super) const TREE: Node<'static, Scope> = Root! {
     Leaf! {b"*RST" => &set(|s, _| settle(s, Scope::reset))},
     Leaf! {b"*CLS" => &set(common::cls)},
     Leaf! {b"*OPC" => &both(common::ignore, common::opc_query)},
-    Leaf! {b"INR" => &get(|s: &mut Scope, _| text(if s.take_new() { "1" } else { "0" }))},
+    Leaf! {b"INR" => &get(|s: &mut Scope, _| text(if s.acquisition.take_new() { "1" } else { "0" }))},
     channel! {b"CHANnel1", 0},
     channel! {b"CHANnel2", 1},
     channel! {b"CHANnel3", 2},

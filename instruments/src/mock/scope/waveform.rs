@@ -5,7 +5,7 @@ use super::{
     acquisition::Frame,
     descriptor::{Descriptor, LENGTH},
 };
-use crate::mock::plant::{DigitiseRequest, HISTORY_S};
+use crate::mock::plant::DigitiseRequest;
 use crate::mock::tree::Answer;
 
 /// Sample words are ADC counts shifted left by this many bits.
@@ -18,8 +18,7 @@ const TAIL: u8 = b'\n';
 impl Scope {
     /// The frame of the chosen channel, when both exist.
     fn source_frame(&self) -> Option<(Frame, Channel)> {
-        // The world forgets, which this instrument does not: a frame that old is treated as none rather than made up.
-        let frame = self.acquisition.frame.filter(|frame| self.world.now_s - frame.start_s <= HISTORY_S)?;
+        let frame = self.acquisition.remembered(self.world.now_s)?;
         let channel = *frame.panel.channels.get(self.transfer.source)?;
         channel.on.then_some((frame, channel))
     }

@@ -10,7 +10,7 @@ use analysis::{
 
 use instruments::mock::plant::Fixture;
 
-use super::records;
+use super::{campaign::Told, records};
 use crate::{
     command::{
         Failure,
@@ -32,11 +32,16 @@ pub(super) fn write(
     recorder: &Recorder,
     experiment: &Experiment,
     measured: &Measured,
-    (fits, budget): (&[ErmFit], &Budget),
+    (fits, budget, campaign): (&[ErmFit], &Budget, Option<Told>),
 ) -> Result<(), Failure> {
     let drawn = |error: PlotError| Failure::Analysis(error.to_string());
     let spectra = std::slice::from_ref(&measured.spectrum);
     let mut figures = Vec::new();
+    let mut spread = None;
+    if let Some(Told { figure, table, .. }) = campaign {
+        figures.push(figure);
+        spread = Some(table);
+    }
     for (name, caption, plot) in plots(experiment, measured, fits) {
         for extension in ["svg", "png"] {
             plot::nyquist(&plot, &recorder.path(&format!("plots/{name}.{extension}"))).map_err(drawn)?;
@@ -66,7 +71,7 @@ pub(super) fn write(
         title: format!("{}: {} on bench {}", experiment.name, experiment.cell.name, experiment.bench.name),
         verdicts,
         figures,
-        tables: tables(experiment, measured, (fits, budget)).into_iter().chain([records::table(&records)]).collect(),
+        tables: tables(experiment, measured, (fits, budget)).into_iter().chain([records::table(&records)]).chain(spread).collect(),
         provenance: provenance(experiment),
     };
     let html = report.to_html().map_err(|error| Failure::Analysis(error.to_string()))?;

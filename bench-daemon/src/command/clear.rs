@@ -1,0 +1,57 @@
+//! `eis-bench clear`: a person has looked at a latched bench and lets it run again.
+
+use std::{
+    io::{BufRead, IsTerminal},
+    path::PathBuf,
+};
+
+use clap::Args;
+
+use crate::{
+    command::Failure,
+    config::load_any_bench,
+    state::State,
+    terminal::{remark, say},
+};
+
+/// Arguments of `clear`.
+#[derive(Debug, Args)]
+pub struct ClearArgs {
+    /// The bench file, or an experiment on it.
+    pub config: PathBuf,
+    /// I have looked at the bench and the cell: do not ask.
+    #[arg(long)]
+    pub yes: bool,
+}
+
+/// Shows why a bench is latched and clears it when a person says so.
+///
+/// # Errors
+/// A state that cannot be read or written; nobody who confirms.
+pub fn clear(args: &ClearArgs) -> Result<(), Failure> {
+    let bench = load_any_bench(&args.config)?;
+    let Some(state) = State::of(&bench)? else {
+        say!("{} is simulated in the process that runs it: nothing of it can be latched", bench.name);
+        return Ok(());
+    };
+    let Some(trip) = state.latched()? else {
+        say!("{} is not latched", bench.name);
+        return Ok(());
+    };
+    say!("{} is latched by the {}: {trip}", bench.name, trip.by);
+    if !(args.yes || confirmed()) {
+        return Err(Failure::Usage("nothing was cleared: expected --yes, or `clear` typed on a terminal".to_owned()));
+    }
+    state.clear(&trip)?;
+    say!("cleared; the next run may use the bench. {} remembers it", state.path("trips.jsonl").display());
+    Ok(())
+}
+
+fn confirmed() -> bool {
+    if !std::io::stdin().is_terminal() {
+        return false;
+    }
+    remark!("Have you looked at the bench and the cell, and is the cause gone? Type `clear`:");
+    let mut line = String::new();
+    std::io::stdin().lock().read_line(&mut line).is_ok() && line.trim() == "clear"
+}

@@ -1,0 +1,42 @@
+//! `eis-bench guardian`: the process that a run starts beside itself; see [`crate::guardian`].
+
+use std::path::PathBuf;
+
+use clap::Args;
+use instruments::clock::Clock;
+
+use crate::{
+    command::{Failure, run::StopSignals},
+    config::load_bench,
+    guardian::{self, Charge},
+};
+
+/// Arguments of `guardian`.
+#[derive(Debug, Args)]
+pub struct GuardianArgs {
+    /// The bench file.
+    pub bench: PathBuf,
+    /// The run folder that it watches.
+    #[arg(long)]
+    pub run: PathBuf,
+    /// Least voltage of the cell, V.
+    #[arg(long)]
+    pub least_v: f64,
+    /// Greatest voltage of the cell, V.
+    #[arg(long)]
+    pub greatest_v: f64,
+}
+
+/// Watches the process that started it and switches the bench off when that ends without a goodbye.
+///
+/// # Errors
+/// Whatever keeps it from watching or from verifying safe state.
+pub fn guardian(args: &GuardianArgs) -> Result<(), Failure> {
+    let (bench, _) = load_bench(&args.bench)?;
+    Ok(Clock::runtime(bench.time())?.block_on(async {
+        // The end of the terminal and a request to stop are for the daemon; the guardian ends after it.
+        let _deaf = StopSignals::install().map_err(guardian::GuardianError::Start)?;
+        let charge = Charge { bench: &bench, run: &args.run, window_v: (args.least_v, args.greatest_v) };
+        guardian::watch(&charge, &Clock::start(bench.time())).await
+    })?)
+}

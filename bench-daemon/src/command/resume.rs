@@ -1,0 +1,130 @@
+//! `eis-bench resume`: a run that died or was stopped goes on in its folder, with the configuration as it was.
+//!
+//! On instruments that live on, it looks at them first, brings them into safe state, and goes on at the next unfinished point. A simulated world in
+//! virtual time has died with its process: the whole run is played again from its seed into a folder beside, and takes the place of the old one when
+//! everything that the old one had finished came out the same, bit by bit.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use instruments::{clock::TimeMode, transport::Address};
+
+use crate::terminal::say;
+use crate::{
+    cli::ResumeArgs,
+    command::{
+        Failure,
+        run::{Past, Session, run_experiment},
+    },
+    config::Experiment,
+    journal::JOURNAL,
+    wishes::Wishes,
+};
+
+/// Tables and transcripts only grow: what is there must be the beginning of what comes.
+const GROWING: [&str; 4] = ["csv", "txt", "jsonl", "torn"];
+/// Files that are written anew as the run goes.
+const REWRITTEN: [&str; 1] = ["json"];
+
+/// Goes on with a run.
+///
+/// # Errors
+/// A folder from which it cannot go on; later as `run`.
+pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
+    let folder = &args.folder;
+    let (experiment, past) = Past::read(folder, args.accept_charge)?;
+    Wishes::forget(folder);
+    let addressed = experiment.bench.instruments.addressed();
+    let in_process = addressed.iter().any(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));
+    let mode = experiment.bench.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time);
+    let usage = |text: &str| Err(Failure::Usage(format!("{}: {text}", folder.display())));
+    let summary = match (in_process, mode) {
+        (false, _) => Session::at(&experiment.bench, past.time_s(folder))?.go_on(&experiment, folder, past)?.summary,
+        (true, _) if past.inherited() => {
+            return usage("expected a run that began in a world of its own, found one on a simulated bench that others had used before");
+        }
+        (true, TimeMode::Virtual) => replay(&experiment, folder)?,
+        (true, _) => return usage("the simulated cell died with its process, and only in virtual time can it be played again"),
+    };
+    say!("{}", summary.trim_end());
+    Ok(())
+}
+
+/// Plays a run in virtual time again and puts it in the place of what was finished of it.
+fn replay(experiment: &Experiment, folder: &Path) -> Result<String, Failure> {
+    let mut scratch = folder.as_os_str().to_owned();
+    scratch.push(".again");
+    let scratch = PathBuf::from(scratch);
+    // What an earlier attempt left there is worth nothing.
+    if scratch.exists() {
+        fs::remove_dir_all(&scratch)?;
+    }
+    let finished = run_experiment(experiment, &scratch)?;
+    compare(folder, &scratch, Path::new(""))?;
+    replace(&scratch, folder)?;
+    fs::remove_dir_all(&scratch)?;
+    let (from, to) = (scratch.display().to_string(), folder.display().to_string());
+    Ok(finished.summary.replace(&from, &to))
+}
+
+/// Everything in the old folder is in the new one, or the beginning of it.
+fn compare(old: &Path, new: &Path, below: &Path) -> Result<(), Failure> {
+    for entry in fs::read_dir(old.join(below))? {
+        let entry = entry?;
+        let name = below.join(entry.file_name());
+        // Files that had not got their names yet are nobody's.
+        if entry.file_type()?.is_dir() {
+            compare(old, new, &name)?;
+        } else if !entry.file_name().to_string_lossy().starts_with('.') {
+            same(old, new, &name)?;
+        }
+    }
+    Ok(())
+}
+
+fn same(old: &Path, new: &Path, name: &Path) -> Result<(), Failure> {
+    let extension = name.extension().map_or_else(String::new, |extension| extension.to_string_lossy().into_owned());
+    if REWRITTEN.contains(&extension.as_str()) {
+        return Ok(());
+    }
+    let (was, is) = (fs::read(old.join(name))?, fs::read(new.join(name)).unwrap_or_default());
+    let whole =
+        if GROWING.contains(&extension.as_str()) { was.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1) } else { was.len() };
+    let equal = if GROWING.contains(&extension.as_str()) { is.starts_with(&was[..whole]) } else { is == was };
+    if equal || extension == "torn" {
+        return Ok(());
+    }
+    let at = was.iter().zip(&is).position(|(was, is)| was != is).unwrap_or(was.len().min(is.len()));
+    let text = format!(
+        "expected the run played again from its seed to give the same, found a difference at byte {at}: the program is not the one that began it; \
+         {} holds what came out now",
+        new.display()
+    );
+    Err(Failure::Usage(format!("{}: {text}", old.join(name).display())))
+}
+
+/// Moves every file of a folder into another, over those that are there, the journal last: interrupted, it leaves files that are equal or beginnings, and
+/// a journal that tells of an unfinished run, so that all of it is done again.
+fn replace(from: &Path, to: &Path) -> Result<(), Failure> {
+    fs::create_dir_all(to)?;
+    let entries = fs::read_dir(from)?.collect::<Result<Vec<_>, _>>()?;
+    let (journal, others): (Vec<_>, Vec<_>) = entries.into_iter().partition(|entry| entry.file_name() == JOURNAL);
+    for entry in others.iter().chain(&journal) {
+        let goal = to.join(entry.file_name());
+        if entry.file_type()?.is_dir() {
+            replace(&entry.path(), &goal)?;
+        } else {
+            fs::rename(entry.path(), goal)?;
+        }
+    }
+    for entry in fs::read_dir(to)? {
+        let path = entry?.path();
+        // A file that was being written when the process died, or a line.
+        if path.extension().is_some_and(|extension| extension == "partial" || extension == "torn") {
+            fs::remove_file(path)?;
+        }
+    }
+    Ok(())
+}

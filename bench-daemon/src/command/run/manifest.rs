@@ -1,0 +1,92 @@
+//! What runs, in words of the run folder: the manifest, for whoever wants to run it again, and the first entry of the journal.
+
+use std::collections::BTreeMap;
+
+use instruments::clock::{self, TimeMode};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use super::{Run, folder_of, past};
+use crate::{
+    bench::Identified,
+    command::Failure,
+    config,
+    journal::{ConfigCopy, Entry, Started},
+};
+
+/// What ran, for whoever wants to run it again.
+#[derive(Debug, Serialize)]
+struct Manifest<'a> {
+    program: &'static str,
+    version: &'static str,
+    experiment: &'a str,
+    bench: &'a str,
+    cell: &'a config::Cell,
+    seed: u64,
+    time: String,
+    simulated: bool,
+    config_sha256: String,
+    files: BTreeMap<String, String>,
+    started_unix_s: Option<f64>,
+    instruments: &'a [Identified],
+    status: &'a str,
+    bench_time_s: f64,
+}
+
+impl Run<'_> {
+    /// Copies the configuration, and begins the journal: from here on the run can be gone on with.
+    pub(super) fn begin(&mut self) -> Result<(), Failure> {
+        let mut files = Vec::new();
+        for source in &self.experiment.sources {
+            let name = source.path().file_name().map_or_else(|| "config.toml".into(), |name| name.to_string_lossy());
+            let mut copy = format!("config/{}_{name}", folder_of(source.path()));
+            while files.iter().any(|known: &ConfigCopy| known.copy == copy && known.path != source.path()) {
+                copy.insert_str("config/".len(), "other_");
+            }
+            self.recorder.text(&copy, source.text())?;
+            files.push(ConfigCopy { path: source.path().to_owned(), copy, sha256: hex(&Sha256::digest(source.text())) });
+        }
+        let started = Started {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            experiment: self.experiment.name.clone(),
+            seed: self.experiment.seed,
+            time: self.clock.mode().to_string(),
+            inherited: self.inherited_world || self.before.1.is_some(),
+            files,
+            plan: past::fingerprints(self.plan.plan()),
+        };
+        Ok(self.recorder.journal(Entry::Started(Box::new(started)))?)
+    }
+
+    pub(super) fn manifest(&self, instruments: &[Identified], status: &str) -> Result<(), Failure> {
+        let mode = self.clock.mode();
+        let mut whole = Sha256::new();
+        let mut files = BTreeMap::new();
+        for source in &self.experiment.sources {
+            whole.update(source.text());
+            files.insert(source.path().display().to_string(), hex(&Sha256::digest(source.text())));
+        }
+        let manifest = Manifest {
+            program: "eis-bench",
+            version: env!("CARGO_PKG_VERSION"),
+            experiment: &self.experiment.name,
+            bench: &self.experiment.bench.name,
+            cell: &self.experiment.cell,
+            seed: self.experiment.seed,
+            time: mode.to_string(),
+            simulated: self.experiment.bench.simulation.is_some(),
+            config_sha256: hex(&whole.finalize()),
+            files,
+            // In virtual time the calendar has no meaning, and two runs are to write the same file.
+            started_unix_s: (mode != TimeMode::Virtual).then(|| clock::unix_time_s() - self.clock.now_s()),
+            instruments,
+            status,
+            bench_time_s: (self.clock.now_s() * 1.0e3).round() / 1.0e3,
+        };
+        Ok(self.recorder.json("manifest.json", &manifest)?)
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

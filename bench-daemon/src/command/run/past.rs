@@ -1,0 +1,155 @@
+//! What was done of a run before its process died or was stopped, and whether it is still the same run.
+
+use std::{path::Path, sync::Arc};
+
+use instruments::clock::{self, TimeMode};
+use sha2::{Digest, Sha256};
+
+use super::{FINISHED, Run};
+use crate::{
+    bench::Bench,
+    command::Failure,
+    config::{Copies, Experiment, Source, resolve_experiment},
+    journal::{self, ConfigCopy, Entry, Read, Started},
+    plan::{Plan, Step},
+    procedure, reconcile,
+    record::Recorder,
+    story::{Next, Story},
+};
+
+/// A voltage at rest may differ from that before the crash by this much without being remarked, V.
+const MOVED_V: f64 = 0.02;
+
+/// What was done, and where it goes on.
+pub(crate) struct Past {
+    pub(super) read: Read,
+    pub(super) story: Story,
+    pub(super) next: Next,
+}
+
+/// The stages of a plan, each by the first digits of the hash of everything that it holds.
+pub(super) fn fingerprints(plan: &Plan) -> Vec<String> {
+    plan.stages.iter().map(|stage| journal::checksum(&format!("{stage:?}"))).collect()
+}
+
+impl Past {
+    /// Reads a run folder: the experiment as it was, and how far it came.
+    ///
+    /// # Errors
+    /// A run that is finished; a folder, a configuration or a program that is not what it was; a step that moved a charge that nobody knows.
+    pub(crate) fn read(folder: &Path, accept_charge: bool) -> Result<(Experiment, Self), Failure> {
+        let read = journal::read(folder).map_err(|error| Failure::Usage(error.to_string()))?;
+        let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
+        let story = Story::of(&read.lines)
+            .map_err(|error| usage(format!("{error}: nothing was done yet, so that it can be run from the beginning in another folder")))?;
+        if story.ended.as_deref() == Some(FINISHED) {
+            return Err(usage("expected a run that was interrupted, found one that is finished".to_owned()));
+        }
+        let experiment = experiment(folder, &story.started)?;
+        let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
+        same_plan(&story.started, plan.plan()).map_err(usage)?;
+        let index = std::fs::read_to_string(folder.join("traces.json")).unwrap_or_default();
+        let index: analysis::dataset::RunIndex = serde_json::from_str(&index).unwrap_or_default();
+        let recorded = |step: &Step| match step {
+            Step::Trace(trace) => index.traces.iter().any(|known| known.name == trace.name && known.repeat == trace.repeat),
+            _ => false,
+        };
+        let next = story.next(plan.plan(), recorded, accept_charge).map_err(|stuck| usage(stuck.to_string()))?;
+        Ok((experiment, Self { read, story, next }))
+    }
+
+    /// Bench time at which the run goes on, s: in real time as if it had gone on all the while, on scaled mocks the time of the last entry.
+    pub(crate) fn time_s(&self, folder: &Path) -> f64 {
+        let manifest = std::fs::read_to_string(folder.join("manifest.json")).unwrap_or_default();
+        let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap_or_default();
+        let real = self.story.started.time == TimeMode::Real.to_string();
+        let passed_s = manifest["started_unix_s"].as_f64().filter(|_| real).map_or(0.0, |start_s| clock::unix_time_s() - start_s);
+        passed_s.max(self.story.last_s)
+    }
+
+    /// The run began on a simulated bench, or with a correction, of runs before it.
+    pub(crate) fn inherited(&self) -> bool {
+        self.story.started.inherited
+    }
+
+    /// Says in the run folder that the run goes on, and where.
+    pub(super) fn tell(&self, recorder: &mut Recorder, plan: &Plan) -> Result<(), Failure> {
+        let purpose = |number: usize| plan.stages.get(number).map_or_else(String::new, |stage| stage.purpose.to_string());
+        let open = self.next.open.map_or_else(
+            || "with the next stage".to_owned(),
+            |(stage, step)| format!("in stage {} ({}) from step {}", stage + 1, purpose(stage), step + 1),
+        );
+        let again = self.next.again.map_or_else(String::new, |stage| format!(", after stage {} ({}) again", stage + 1, purpose(stage)));
+        let points: usize = self.story.stages.values().map(|stage| stage.points.len()).sum();
+        let text = format!("the run goes on {open}{again}; {points} points were finished before");
+        tracing::info!("{text}");
+        recorder.event(&text)?;
+        Ok(recorder.journal(Entry::Resumed { text })?)
+    }
+}
+
+impl Run<'_> {
+    /// Writes down what the instruments are found in before anything is sent that changes them.
+    pub(super) async fn reconcile(&mut self, bench: &mut Bench) -> Result<(), Failure> {
+        let found = reconcile::look(bench).await?;
+        for found in &found {
+            self.recorder.event(&found.to_string())?;
+            self.recorder.journal(Entry::Found(found.clone()))?;
+        }
+        // The load's leads see the cell itself; a current that flows moves it, too.
+        let volts = found.iter().find(|found| found.role == "load").and_then(|found| found.volts);
+        let quiet = found.iter().all(|found| found.off);
+        let before = self.past.as_ref().and_then(|past| {
+            let (open, _) = past.next.open?;
+            past.story.stages.get(&open)?.points.values().next()?.idle.voltage_v
+        });
+        if let (true, Some(volts), Some(before_v)) = (quiet, volts, before)
+            && (volts - before_v).abs() > MOVED_V
+        {
+            self.recorder.warning(&format!(
+                "between {before_v:.4} V before this sweep was interrupted and {volts:.4} V afterwards the cell has moved"
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// The experiment from the copies in the run folder.
+fn experiment(folder: &Path, started: &Started) -> Result<Experiment, Failure> {
+    let usage = |path: &Path, text: String| Failure::Usage(format!("{}: {text}", path.display()));
+    let version = env!("CARGO_PKG_VERSION");
+    if started.version != version {
+        return Err(usage(folder, format!("expected a run of version {version} of this program, found one of {}", started.version)));
+    }
+    let mut copies = Copies::new();
+    for ConfigCopy { path, copy, sha256 } in &started.files {
+        let file = folder.join(copy);
+        let text =
+            std::fs::read_to_string(&file).map_err(|error| usage(&file, format!("expected the copy of {}: {error}", path.display())))?;
+        let found: String = Sha256::digest(&text).iter().map(|byte| format!("{byte:02x}")).collect();
+        if found != *sha256 {
+            return Err(usage(&file, format!("expected the file that the run began with (SHA-256 {sha256}), found another one ({found})")));
+        }
+        copies.insert(path.clone(), text);
+    }
+    let copies = Arc::new(copies);
+    let [first, bench, ..] = started.files.as_slice() else {
+        return Err(usage(folder, "expected the copies of an experiment and a bench".to_owned()));
+    };
+    let mut experiment = resolve_experiment(Source::copy(&first.path, &copies)?, Some(&bench.path))?;
+    experiment.seed = started.seed;
+    Ok(experiment)
+}
+
+/// What a program makes of the same files may have changed with it.
+fn same_plan(started: &Started, plan: &Plan) -> Result<(), String> {
+    let found = fingerprints(plan);
+    if let Some(number) = (0..found.len().max(started.plan.len())).find(|number| found.get(*number) != started.plan.get(*number)) {
+        let what = plan.stages.get(number).map_or_else(|| "none".to_owned(), |stage| stage.purpose.to_string());
+        return Err(format!(
+            "expected the plan that the run began with; stage {} ({what}) would be another one: this program is not the one that began it",
+            number + 1
+        ));
+    }
+    Ok(())
+}

@@ -1,0 +1,106 @@
+//! The section `[campaign]`: several cells, each measured several times, with what the experiment says of one.
+
+use std::sync::Arc;
+
+use instruments::mock::plant::Fixture;
+
+use super::{ConfigError, Eis, Trace, check::Check, raw};
+use crate::plan::Specimen;
+
+/// Several cells, each measured several times.
+#[derive(Debug, Clone)]
+pub struct Campaign {
+    /// The cells.
+    pub cells: Vec<Arc<Specimen>>,
+    /// How often each is measured.
+    pub repeats: usize,
+    /// Every cell once, then every cell again; else each cell as often as it is to be, then the next.
+    pub round_robin: bool,
+}
+
+/// One of its runs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CampaignRun {
+    /// Its number, from 1, in the order in which the runs are planned.
+    pub number: usize,
+    /// The cell.
+    pub cell: Arc<Specimen>,
+    /// Number of the repeat of this cell, from 1.
+    pub repeat: usize,
+}
+
+impl Campaign {
+    /// Its runs as they are planned.
+    pub fn runs(&self) -> impl Iterator<Item = CampaignRun> + '_ {
+        let count = self.cells.len();
+        (0..count * self.repeats).map(move |index| {
+            let (cell, repeat) =
+                if self.round_robin { (index % count, index / count) } else { (index / self.repeats, index % self.repeats) };
+            CampaignRun { number: index + 1, cell: self.cells[cell].clone(), repeat: repeat + 1 }
+        })
+    }
+
+    /// A run by its number.
+    pub fn run(&self, number: usize) -> Option<CampaignRun> {
+        self.runs().nth(number.checked_sub(1)?)
+    }
+}
+
+impl CampaignRun {
+    /// What files are called after.
+    pub fn name(&self) -> String {
+        format!("{}_{}", self.cell.name, self.repeat)
+    }
+}
+
+impl Check<'_> {
+    pub(super) fn campaign(&self, raw: &raw::Campaign, (eis, traces): (Option<&Eis>, &[Trace])) -> Result<Campaign, ConfigError> {
+        if let Some(trace) = traces.iter().find(|trace| trace.repeat != 1) {
+            let reason = format!("expected a repeat of 1 beside [campaign], whose repeats say how often, found {}", trace.repeat);
+            return Err(self.complain(&format!("traces.{}.repeat", trace.name), reason));
+        }
+        if eis.is_none_or(|eis| eis.fixture != Fixture::Cell || eis.repeat != 1) {
+            let reason = "expected a section [eis] that sweeps the cell with a repeat of 1: campaign.repeats says how often";
+            return Err(self.complain("campaign", reason));
+        }
+        if eis.is_some_and(|eis| eis.steps_a.len() > 1) {
+            return Err(self.complain("eis.amplitude_steps", "expected one amplitude beside [campaign]: its runs are one sweep each"));
+        }
+        self.within("campaign.cells", raw.cells.len() as f64, (1.0, 32.0), "cells")?;
+        self.within("campaign.repeats", raw.repeats as f64, (1.0, 1000.0), "repeats")?;
+        if raw.cells.len() > 1 {
+            self.needs(self.bench.instruments.jig.as_ref(), "jig", "campaign")?;
+        }
+        let mut cells: Vec<Arc<Specimen>> = Vec::new();
+        for (index, cell) in raw.cells.iter().enumerate() {
+            let field = |part: &str| format!("campaign.cells.{}.{part}", index + 1);
+            if cell.name.is_empty() || !cell.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-') {
+                return Err(self.complain(&field("name"), format!("expected a name of letters, digits and `-`, found {:?}", cell.name)));
+            }
+            if cells.iter().any(|known| known.name.eq_ignore_ascii_case(&cell.name)) {
+                return Err(self.complain(&field("name"), format!("expected names that differ, found {:?} twice", cell.name)));
+            }
+            cells.push(Arc::new(Specimen { number: index + 1, name: cell.name.clone(), serial: cell.serial.clone() }));
+        }
+        Ok(Campaign { cells, repeats: raw.repeats, round_robin: raw.order == raw::CampaignOrder::RoundRobin })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cell_by_cell_or_round_robin() {
+        let cell = |(index, name): (usize, &str)| Arc::new(Specimen { number: index + 1, name: name.to_owned(), serial: None });
+        let names = |round_robin| {
+            let cells = ["A", "B"].into_iter().enumerate().map(cell).collect();
+            let campaign = Campaign { cells, repeats: 3, round_robin };
+            assert_eq!(campaign.run(2), campaign.runs().nth(1));
+            assert_eq!((campaign.run(0), campaign.run(7)), (None, None));
+            campaign.runs().map(|run| run.name()).collect::<Vec<_>>()
+        };
+        assert_eq!(names(false), ["A_1", "A_2", "A_3", "B_1", "B_2", "B_3"]);
+        assert_eq!(names(true), ["A_1", "B_1", "A_2", "B_2", "A_3", "B_3"]);
+    }
+}

@@ -1,0 +1,102 @@
+//! What is around a run on a bench with instruments outside this process: the lock, the latch, and the guardian. A bench that is simulated in this
+//! process has none of them.
+
+use std::path::Path;
+
+use instruments::clock::Clock;
+
+use crate::{
+    command::Failure,
+    config::{self, Experiment},
+    executor::ExecuteError,
+    guardian::{Charge, GuardianError, Keeper},
+    progress::Doing,
+    state::{Latched, Lock, State, StateError},
+};
+
+/// Refuses a bench that is latched or run by somebody else, before anything is made for a run.
+///
+/// # Errors
+/// [`StateError::Latched`], [`StateError::Busy`].
+pub fn refuse(bench: &config::Bench) -> Result<(), StateError> {
+    let Some(state) = State::of(bench)? else { return Ok(()) };
+    state.refuse_latched()?;
+    state.refuse_busy()
+}
+
+/// A bench that this process runs.
+pub struct Custody {
+    around: Option<Around>,
+    clock: Clock,
+}
+
+struct Around {
+    state: State,
+    keeper: Keeper,
+    run: std::path::PathBuf,
+    doing: Doing,
+    _lock: Lock,
+}
+
+impl Custody {
+    /// Locks the bench, refuses a latched one, and starts the guardian. Nothing was connected to before, and no output is on.
+    ///
+    /// # Errors
+    /// A bench that is run by somebody else or latched; a guardian that cannot reach its instruments.
+    pub async fn take(experiment: &Experiment, run: &Path, (clock, doing): (&Clock, &Doing)) -> Result<Self, Failure> {
+        let Some(state) = State::of(&experiment.bench)? else { return Ok(Self { around: None, clock: clock.clone() }) };
+        let run = std::path::absolute(run)?;
+        let lock = state.lock(&run)?;
+        state.refuse_latched()?;
+        let limits = &experiment.cell.limits;
+        let charge = Charge { bench: &experiment.bench, run: &run, window_v: (limits.min_v, limits.max_v) };
+        let keeper = Keeper::start(&charge, &state, (clock, doing)).await?;
+        // The guardian of an earlier run may have found something meanwhile.
+        if let Err(latched) = state.refuse_latched() {
+            keeper.dismiss(clock).await;
+            return Err(latched.into());
+        }
+        Ok(Self { around: Some(Around { state, keeper, run, doing: doing.clone(), _lock: lock }), clock: clock.clone() })
+    }
+
+    /// Waits until the guardian is no longer there; for ever where there is none.
+    pub async fn lost(&mut self) -> GuardianError {
+        match &mut self.around {
+            Some(around) => around.keeper.lost().await,
+            None => std::future::pending().await,
+        }
+    }
+
+    /// Gives the bench back: latches it where a person has to look, and dismisses the guardian, or leaves an unverified safe state to it. The bench's
+    /// connections must be closed.
+    pub async fn end<T>(self, outcome: Result<T, Failure>) -> Result<T, Failure> {
+        let Some(Around { state, keeper, run, doing, _lock }) = self.around else { return outcome };
+        if let Some(latched) = outcome.as_ref().err().and_then(cause)
+            && let Err(error) = state.latch(&latched.during(&run, &doing.now().step))
+        {
+            tracing::error!("{error}");
+        }
+        if matches!(outcome, Err(Failure::Unsafe { .. })) {
+            tracing::warn!("the guardian, process {}, goes on trying; {}", keeper.pid(), state.path("guardian.log").display());
+            keeper.hand_over();
+        } else {
+            keeper.dismiss(&self.clock).await;
+        }
+        outcome
+    }
+}
+
+/// What latches a bench.
+fn cause(failure: &Failure) -> Option<Latched> {
+    match failure {
+        Failure::Execute(ExecuteError::Trip(trip)) => Some(Latched::of_trip("daemon", trip)),
+        Failure::Unsafe { .. } => Some(Latched::new("daemon", &failure.to_string())),
+        _ => None,
+    }
+}
+
+impl From<StateError> for Failure {
+    fn from(error: StateError) -> Self {
+        Self::State(error)
+    }
+}

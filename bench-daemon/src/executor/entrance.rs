@@ -1,0 +1,84 @@
+//! Where a stage is entered that was interrupted.
+
+use crate::{
+    journal::PointDone,
+    plan::{Stage, Step},
+};
+
+/// Where a stage is entered that was interrupted; by default at its beginning.
+#[derive(Debug, Clone, Default)]
+pub struct Entrance<'a> {
+    /// The first step that is played.
+    pub from: usize,
+    /// Points that were finished before, by their steps.
+    pub points: Vec<&'a PointDone>,
+}
+
+impl<'a> Entrance<'a> {
+    pub(super) fn point(&self, index: usize) -> Option<&'a PointDone> {
+        self.points.iter().copied().find(|point| point.step == index)
+    }
+
+    /// What is clamped is clamped anew, what is powered is powered anew, as long as anything is left to be measured.
+    pub(super) fn plays(&self, stage: &Stage, (index, step): (usize, &Step)) -> bool {
+        let sine = |(at, step): (usize, &Step)| match step {
+            Step::Sine { .. } => self.point(at).is_none(),
+            // Whether it was done is not asked: done again, it finds nothing to do.
+            Step::Recheck { .. } => true,
+            _ => false,
+        };
+        let idle = !self.points.is_empty() && !stage.steps.iter().enumerate().any(sine);
+        let clamps = matches!(step, Step::Specimen(..) | Step::Mount(_));
+        self.point(index).is_none() && !idle && (index >= self.from || clamps)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{executor::SweepPoint, interlock::Reading, plan::Purpose};
+    use analysis::spectrum::{ChannelPhasors, PhasorVariance};
+    use instruments::mock::plant::Fixture;
+
+    fn done(step: usize) -> PointDone {
+        let phasors =
+            ChannelPhasors { freq_hz: 1.0, volts: [num_complex::Complex64::ONE; 4], variance: [PhasorVariance::circular(1.0e-12); 4] };
+        let point = SweepPoint {
+            fixture: Fixture::Cell,
+            index: step - 2,
+            phasors,
+            volts_per_div: [1.0; 4],
+            free_freq_hz: 1.0,
+            residual_lag1: 0.0,
+            beside: crate::executor::Beside::default(),
+            warnings: Vec::new(),
+            time_s: 0.0,
+            captures: 1,
+            rechecked: 0,
+            measures: crate::quality::Measures::default(),
+            failing: Vec::new(),
+        };
+        PointDone { stage: 0, step, files: Vec::new(), idle: Reading::default(), point }
+    }
+
+    #[test]
+    fn what_is_finished_is_left_out_and_what_carries_the_rest_is_not() {
+        let sine = |index| Step::Sine { index, freq_hz: 1.0, amplitude_a: 1.0, wait_s: 12.0 };
+        let up = Step::PowerUp { compliance_v: 4.5, limit_a: 2.0, held: true };
+        let steps = vec![Step::Mount(Fixture::Cell), up, sine(0), sine(1), Step::PowerDown];
+        let stage = Stage { purpose: Purpose::Sweep(Fixture::Cell, 1), steps };
+        let points: Vec<PointDone> = [2, 3].map(done).to_vec();
+        for (from, finished, played) in [
+            (0, 0..0, vec![0, 1, 2, 3, 4]),
+            (0, 0..1, vec![0, 1, 3, 4]),
+            (0, 1..2, vec![0, 1, 2, 4]),
+            (0, 0..2, vec![]),
+            (4, 0..0, vec![0, 4]),
+        ] {
+            let entrance = Entrance { from, points: points[finished].iter().collect() };
+            let met: Vec<usize> =
+                stage.steps.iter().enumerate().filter(|step| entrance.plays(&stage, *step)).map(|(index, _)| index).collect();
+            assert_eq!(met, played);
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! What a person wants of a run that is going on, between two points of it: to wait without any current, or to end.
+
+use instruments::{clock::TimeMode, mock::plant::Fixture};
+
+use super::{ExecuteError, Executor, first};
+use crate::{
+    journal::Entry,
+    plan::{Purpose, Stage, Step},
+    wishes::{Course, Wishes},
+};
+
+/// Seconds between two looks while the run waits.
+const PAUSE_POLL_S: f64 = 5.0;
+
+impl Executor<'_> {
+    /// Waits as long as that is wanted, with every output off; what was powered before is powered again afterwards.
+    pub(super) async fn heed(&mut self, stage: &Stage, (step, fixture): (usize, Fixture)) -> Result<(), ExecuteError> {
+        // A trace is one piece.
+        let within = matches!(stage.purpose, Purpose::Sweep(..) | Purpose::SocReset | Purpose::Temperature);
+        if self.clock.mode() == TimeMode::Virtual || (step > 0 && !within) {
+            return Ok(());
+        }
+        if !self.paused()? {
+            return Ok(());
+        }
+        self.wait_without_current(fixture).await?;
+        let before = stage.steps.get(..step).unwrap_or_default();
+        let power = before.iter().rev().find(|step| matches!(step, Step::PowerUp { .. } | Step::PowerDown));
+        if let Some(power @ Step::PowerUp { .. }) = power {
+            self.interlock.begin(self.allowance(fixture, power), self.clock.machine_s());
+            self.power(fixture, power).await?;
+        }
+        Ok(())
+    }
+
+    async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
+        self.bench.safe_state().await.map_err(first)?;
+        self.recorder.journal(Entry::Safe)?;
+        self.recorder.journal(Entry::Paused)?;
+        self.recorder.event("paused on request: every output is off")?;
+        let nothing = self.allowance(fixture, &Step::Pause { span_s: 0.0 });
+        self.interlock.begin(nothing, self.clock.machine_s());
+        while self.paused()? {
+            self.clock.sleep_s(PAUSE_POLL_S).await;
+            if self.bench.supply4q.is_some() {
+                self.watch("paused", fixture).await?;
+            }
+        }
+        self.recorder.journal(Entry::GoneOn)?;
+        Ok(self.recorder.event("goes on on request")?)
+    }
+
+    fn paused(&self) -> Result<bool, ExecuteError> {
+        match Wishes::read(self.recorder.folder()).course {
+            Course::GoOn => Ok(false),
+            Course::Pause => Ok(true),
+            Course::Abort => Err(ExecuteError::Aborted),
+        }
+    }
+}

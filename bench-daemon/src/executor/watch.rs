@@ -1,0 +1,149 @@
+//! Reading and judging: what each step may expose the cell to, and the polls of voltage, current, temperature and chiller.
+
+use instruments::mock::plant::Fixture;
+
+use super::{ExecuteError, Executor, POLL_S, require};
+use crate::{
+    interlock::{Allowance, NO_CURRENT_A, Reading},
+    plan::{Flow, Step},
+};
+
+/// The gain error of a meter, as part of a step's envelope.
+const METER_GAIN: f64 = 1.1;
+/// A temperature is read with every so many readings.
+const TEMPERATURE_EVERY: u32 = 10;
+/// So far below the limit of a supply its current falls, and the voltage stands still, V.
+const HELD_V: f64 = 0.1;
+
+impl Executor<'_> {
+    /// What may flow during a step is far less than what the cell could bear, and so is the charge that it may move.
+    pub(super) fn allowance(&self, fixture: Fixture, step: &Step) -> Allowance {
+        let cell = self.experiment.cell.limits;
+        let settings = &self.experiment.cell.interlock;
+        let cell = if fixture == Fixture::Cell { cell } else { cell.of_control() };
+        let drawn = |amps: f64| METER_GAIN * amps + NO_CURRENT_A;
+        let (drift_c, in_work) = (settings.drift_c, *self.interlock.limits());
+        let idle = Allowance { cell: fixture == Fixture::Cell, ..Allowance::idle(cell.bounded(NO_CURRENT_A, NO_CURRENT_A)) };
+        let live = |limits, charge_c| Allowance { limits, live: true, charge_c, ..idle };
+        // The charge in a piece of copper is nothing to look at.
+        let sweep_c = |swing_c: f64| if idle.cell { (-drift_c - swing_c, drift_c + swing_c) } else { idle.charge_c };
+        match *step {
+            Step::Discharge { current_a, .. } => live(cell.bounded(NO_CURRENT_A, drawn(current_a)), (-settings.charge_c, drift_c)),
+            Step::Charge { current_a, limit_v, .. } => {
+                let limits = cell.bounded(drawn(current_a), NO_CURRENT_A);
+                Allowance { held_v: limit_v - HELD_V, ..live(limits, (-drift_c, settings.charge_c)) }
+            }
+            Step::Leg(leg) => {
+                let (charge_a, discharge_a) = leg.most_a();
+                match leg.flow {
+                    Flow::Discharge { .. } => live(cell.bounded(NO_CURRENT_A, drawn(discharge_a)), (-settings.charge_c, drift_c)),
+                    Flow::Charge { limit_v, .. } => Allowance {
+                        held_v: limit_v - HELD_V,
+                        ..live(cell.bounded(drawn(charge_a), NO_CURRENT_A), (-drift_c, settings.charge_c))
+                    },
+                    Flow::Rest => idle,
+                }
+            }
+            Step::PowerUp { limit_a, .. } => live(cell.bounded(limit_a, limit_a), sweep_c(0.0)),
+            // Between power-up and power-down the limit of the power-up holds, and the charge counts on. Half a period moves A/(πf).
+            Step::Sine { freq_hz, amplitude_a, .. } => {
+                let swing_c = amplitude_a / (std::f64::consts::PI * freq_hz);
+                Allowance { continues: true, ..live(in_work, sweep_c(swing_c)) }
+            }
+            Step::Multisine(ref band) => {
+                let swing_c = band.peak_a / (std::f64::consts::PI * band.base_hz);
+                Allowance { continues: true, ..live(in_work, sweep_c(swing_c)) }
+            }
+            Step::PowerDown | Step::Recheck { .. } => Allowance { continues: true, ..live(in_work, idle.charge_c) },
+            Step::Trace(ref trace) => {
+                let (least_a, greatest_a) = trace.extremes_a();
+                let (least_c, greatest_c) = trace.swing_c();
+                let limits = in_work.bounded(drawn(greatest_a), drawn(-least_a));
+                live(limits, (METER_GAIN * least_c - drift_c, METER_GAIN * greatest_c + drift_c))
+            }
+            Step::HoldTemperature { .. } => Allowance { tempering: true, ..idle },
+            Step::Specimen(..) | Step::Mount(_) | Step::Accept { .. } | Step::Pause { .. } | Step::Zero(_) | Step::Rest { .. } => idle,
+        }
+    }
+
+    /// Waits, reading and judging the bipolar supply all the while.
+    pub(super) async fn wait_watching(&mut self, seconds: f64, fixture: Fixture) -> Result<(), ExecuteError> {
+        let end_s = self.clock.now_s() + seconds;
+        loop {
+            let left_s = end_s - self.clock.now_s();
+            if left_s <= 0.0 {
+                return Ok(());
+            }
+            self.clock.sleep_s(left_s.min(POLL_S)).await;
+            self.watch("sine", fixture).await?;
+        }
+    }
+
+    /// One reading of the bipolar supply, judged.
+    pub(super) async fn watch(&mut self, phase: &str, fixture: Fixture) -> Result<Reading, ExecuteError> {
+        let mut reading = self.read_supply4q().await?;
+        self.recorder.reading(phase, &reading)?;
+        if fixture != Fixture::Cell {
+            // The cell lies beside the jig, perhaps without its thermocouple.
+            reading.temperature_c = reading.temperature_c.filter(|celsius| celsius.is_finite());
+        }
+        match self.interlock.judge(&reading, self.clock.machine_s()) {
+            Some(trip) if fixture != Fixture::Cell => Err(trip.of_control().into()),
+            Some(trip) => Err(trip.into()),
+            None => Ok(reading),
+        }
+    }
+
+    pub(super) async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
+        let error = self.bench.error("supply4q");
+        let (mut volts, amps) = require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?;
+        // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at the jig.
+        let error = self.bench.error("load");
+        if let Some(load) = self.bench.load.as_mut() {
+            volts = load.measure().await.map_err(error)?.0;
+        }
+        let temperature_c = self.temperature_now_and_then().await?;
+        Ok(Reading { time_s: self.clock.now_s(), voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
+    }
+
+    /// The cell's temperature with every tenth reading, or earlier when it grows old.
+    pub(super) async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
+        self.polls = self.polls.wrapping_add(1);
+        let due = self.polls.is_multiple_of(TEMPERATURE_EVERY) || self.interlock.wants_temperature(self.clock.machine_s());
+        if due { self.cell_temperature().await } else { Ok(None) }
+    }
+
+    /// The cell's temperature; nothing on a bench without a logger. An open thermocouple is a reading that is no number, and trips. A chiller that was
+    /// started is asked at the same time whether it still runs.
+    pub(super) async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
+        self.watch_chiller().await?;
+        let error = self.bench.error("logger");
+        let Some(logger) = self.bench.logger.as_mut() else { return Ok(None) };
+        if !self.logger_ready {
+            logger.configure().await.map_err(&error)?;
+            self.logger_ready = true;
+        }
+        let readings = logger.scan().await.map_err(error)?;
+        self.last_c = Some(readings.first().copied().flatten().map_or(f64::NAN, |celsius| celsius.value()));
+        Ok(self.last_c)
+    }
+
+    async fn watch_chiller(&mut self) -> Result<(), ExecuteError> {
+        let error = self.bench.error("chiller");
+        let Some(chiller) = self.bench.chiller.as_mut().filter(|_| self.chiller_runs) else { return Ok(()) };
+        let status = chiller.status().await.map_err(error)?;
+        match self.interlock.chiller(&status, self.clock.now_s()) {
+            Some(trip) => Err(trip.into()),
+            None => Ok(()),
+        }
+    }
+
+    /// Writes a reading down and judges it.
+    pub(super) fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
+        self.recorder.reading(phase, &reading)?;
+        match self.interlock.judge(&reading, self.clock.machine_s()) {
+            Some(trip) => Err(trip.into()),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! The guardian: a second process that can only switch off. It drives nothing and measures nothing for the run; it waits for the daemon's life to end.
+//!
+//! The daemon starts it before anything is energised and tells it over a pipe, five times a second, that it is alive ([`Keeper`]). The pipe ends when
+//! the daemon dies; a daemon that hangs or is stopped stays silent for longer than the lease, and is killed, so that it cannot come back in the
+//! middle. Then the guardian connects by itself, switches off in the order of [`Bench::safe_state`], reads back, and tries again until it has succeeded.
+//!
+//! Every instrument of the bench is to be treated as one that takes a single client. So the guardian reaches and identifies each of them before the
+//! daemon connects, lets go of them, and connects again when the daemon is dead.
+
+mod keeper;
+
+use std::{collections::BTreeMap, fs::File, io::BufRead, path::Path, time::Duration};
+
+use instruments::{
+    clock::{self, Clock},
+    transcript::Tap,
+    transport::MemoryHub,
+};
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::{Pid, getppid},
+};
+use serde::Serialize;
+use tokio::sync::mpsc::UnboundedReceiver;
+
+pub use keeper::{GuardianError, Keeper};
+
+use crate::{
+    bench::{Bench, BenchError, Connections, Identified},
+    config,
+    interlock::Trip,
+    state::{Latched, State, StateError, pid},
+    terminal::say,
+};
+
+/// The words that go over the pipes, a line each: to the guardian …
+const ALIVE: &str = ".";
+const DOING: &str = "doing ";
+const GOODBYE: &str = "goodbye";
+const TAKE_OVER: &str = "take over";
+/// … and from it.
+const READY: &str = "ready";
+const REFUSED: &str = "refused ";
+
+const REPORT: &str = "guardian.json";
+/// What can move charge.
+const DRIVES: [&str; 4] = ["supply4q", "generator", "load", "supply"];
+/// Pauses between two attempts, s: each twice the one before, up to the last.
+const BACKOFF_S: (f64, f64) = (1.0, 10.0);
+/// A killed process is gone after this time, or the system hangs.
+const DEATH: Duration = Duration::from_secs(5);
+
+/// What a guardian is told at its start.
+pub struct Charge<'a> {
+    /// The bench.
+    pub bench: &'a config::Bench,
+    /// The run folder, for its report.
+    pub run: &'a Path,
+    /// Least and greatest voltage of the cell, V.
+    pub window_v: (f64, f64),
+}
+
+/// The guardian's report, in the state folder.
+#[derive(Debug, Clone, Serialize)]
+struct Report {
+    pid: i32,
+    daemon: i32,
+    run: String,
+    status: &'static str,
+    /// Why it stepped in.
+    cause: Option<&'static str>,
+    step: String,
+    attempts: u32,
+    failures: Vec<String>,
+    /// What each instrument measured after it was off, V and A.
+    read_back: BTreeMap<&'static str, (f64, f64)>,
+    /// From stepping in to verified, bench s.
+    took_s: Option<f64>,
+    unix_s: f64,
+}
+
+/// Watches until the daemon says goodbye, or has to be replaced.
+///
+/// # Errors
+/// An instrument that cannot be reached, a state that cannot be written; the daemon is told.
+pub async fn watch(charge: &Charge<'_>, clock: &Clock) -> Result<(), GuardianError> {
+    match Watch::start(charge, clock).await {
+        Ok(watch) => {
+            say!("{READY}");
+            watch.keep().await
+        }
+        Err(error) => {
+            say!("{REFUSED}{error}");
+            Err(error)
+        }
+    }
+}
+
+struct Watch<'a> {
+    charge: &'a Charge<'a>,
+    clock: Clock,
+    state: State,
+    connections: Connections,
+    report: Report,
+    /// The cell is in the jig, as far as is known.
+    cell: bool,
+    words: UnboundedReceiver<String>,
+    _place: crate::state::Lock,
+}
+
+impl<'a> Watch<'a> {
+    async fn start(charge: &'a Charge<'a>, clock: &Clock) -> Result<Self, GuardianError> {
+        let state = State::of(charge.bench)?.ok_or(GuardianError::NothingToGuard)?;
+        let place = state.lock_guardian()?.ok_or(GuardianError::Another)?;
+        let log = state.path("guardian.log");
+        crate::logging::log_to(&log, clock).map_err(|source| StateError::Io { path: log, what: "cannot be written", source })?;
+        let mut taps = BTreeMap::new();
+        for role in DRIVES {
+            let path = state.path(&format!("guardian_{role}.txt"));
+            let file = File::create(&path).map_err(|source| StateError::Io { path, what: "cannot be written", source })?;
+            taps.insert(role, Tap::new(file));
+        }
+        let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps };
+        let mut bench = Bench::unconnected(charge.bench, &connections)?;
+        bench.connect().await?;
+        bench.identify().await?.iter().try_for_each(Identified::expected)?;
+        // The daemon is to connect now.
+        drop(bench);
+        let report = Report {
+            pid: pid(),
+            daemon: getppid().as_raw(),
+            run: charge.run.display().to_string(),
+            status: "watching",
+            cause: None,
+            step: String::new(),
+            attempts: 0,
+            failures: Vec::new(),
+            read_back: BTreeMap::new(),
+            took_s: None,
+            unix_s: clock::unix_time_s(),
+        };
+        state.json(REPORT, &report)?;
+        let (run, unix_s) = (&report.run, report.unix_s);
+        tracing::info!(
+            "process {}, at {unix_s:.0} s since 1970: watching process {} on {} for {run}",
+            report.pid,
+            report.daemon,
+            charge.bench.name
+        );
+        Ok(Self { charge, clock: clock.clone(), state, connections, report, cell: false, words: words(), _place: place })
+    }
+
+    async fn keep(mut self) -> Result<(), GuardianError> {
+        let lease = Duration::from_secs_f64(self.charge.bench.guardian.lease_s);
+        let cause = loop {
+            match self.clock.deadline(lease, self.words.recv()).await {
+                Ok(Some(word)) if word == GOODBYE => {
+                    tracing::info!("goodbye");
+                    return self.tell("dismissed");
+                }
+                Ok(Some(word)) if word == TAKE_OVER => break "the daemon could not verify safe state",
+                Ok(Some(word)) => {
+                    if let Some((fixture, step)) = word.strip_prefix(DOING).and_then(|doing| doing.split_once(' ')) {
+                        (self.cell, self.report.step) = (fixture == "cell", step.to_owned());
+                    }
+                    say!("{ALIVE}");
+                }
+                Ok(None) => break "the daemon died",
+                Err(_) => {
+                    self.end_daemon().await;
+                    break "the daemon hung or was stopped";
+                }
+            }
+        };
+        tracing::warn!("{cause} in step \"{}\": switching off", self.report.step);
+        self.report.cause = Some(cause);
+        self.switch_off().await
+    }
+
+    /// A daemon that came back in the middle would be worse than one that is gone, and its connections keep others out.
+    async fn end_daemon(&mut self) {
+        let daemon = Pid::from_raw(self.report.daemon);
+        // As long as it is the parent, the number is its own.
+        if getppid() == daemon {
+            tracing::warn!("no word from process {daemon} within {} s: killing it", self.charge.bench.guardian.lease_s);
+            if let Err(error) = kill(daemon, Signal::SIGKILL) {
+                tracing::error!("process {daemon} cannot be killed: {error}");
+            }
+        }
+        let gone = async { while self.words.recv().await.is_some() {} };
+        if self.clock.deadline(DEATH, gone).await.is_err() {
+            tracing::error!("process {daemon} is still there");
+        }
+    }
+
+    /// Again and again, until everything is off and read back.
+    async fn switch_off(mut self) -> Result<(), GuardianError> {
+        let start_s = self.clock.now_s();
+        let mut pause_s = BACKOFF_S.0;
+        self.tell("switching off")?;
+        loop {
+            self.report.attempts += 1;
+            let mut bench = Bench::unconnected(self.charge.bench, &self.connections)?;
+            let failures = bench.safe_state().await.err().unwrap_or_default();
+            if failures.is_empty() {
+                self.report.took_s = Some(self.clock.now_s() - start_s);
+                return self.verified(&mut bench).await;
+            }
+            drop(bench);
+            self.failed(&failures);
+            if !self.state.exists() {
+                tracing::error!("the state folder was taken away: giving up");
+                return Err(GuardianError::GaveUp);
+            }
+            self.clock.sleep_s(pause_s).await;
+            pause_s = (2.0 * pause_s).min(BACKOFF_S.1);
+        }
+    }
+
+    fn failed(&mut self, failures: &[BenchError]) {
+        self.report.failures = failures.iter().map(ToString::to_string).collect();
+        let listed = self.report.failures.join("; ");
+        tracing::error!("attempt {}: {listed}; trying again until it succeeds; to end this, kill process {}", self.report.attempts, pid());
+        if self.report.attempts == 1 {
+            self.latch(Latched::new("guardian", &format!("{}, and the guardian could not verify safe state: {listed}", self.cause())));
+        }
+        if let Err(error) = self.tell("switching off") {
+            tracing::error!("{error}");
+        }
+    }
+
+    async fn verified(&mut self, bench: &mut Bench) -> Result<(), GuardianError> {
+        tracing::warn!("every output is off and read back, {:.1} s after the guardian stepped in", self.report.took_s.unwrap_or(0.0));
+        self.report.failures.clear();
+        for (role, read) in bench.read_back().await {
+            match read {
+                Ok(read) => self.report.read_back.insert(role, read).map_or((), |_| ()),
+                Err(error) => tracing::warn!("{error}"),
+            }
+        }
+        // The load's leads see the cell itself.
+        let volts = ["load", "supply4q"].iter().find_map(|role| self.report.read_back.get(role)).map(|(volts, _)| *volts);
+        let (least, greatest) = self.charge.window_v;
+        if let Some(value) = volts.filter(|volts| self.cell && !(least..=greatest).contains(volts)) {
+            let what = "cell voltage, found by the guardian after it had switched off,";
+            let trip = Trip::Limit { what, value, unit: "V", least, greatest, time_s: self.clock.now_s() };
+            self.latch(Latched::of_trip("guardian", &trip));
+        }
+        self.tell("verified")?;
+        Ok(self.state.remember(&serde_json::json!({ "what": "switched off by the guardian", "report": self.report }))?)
+    }
+
+    fn cause(&self) -> &'static str {
+        self.report.cause.unwrap_or_default()
+    }
+
+    fn latch(&self, trip: Latched) {
+        if let Err(error) = self.state.latch(&trip.during(self.charge.run, &self.report.step)) {
+            tracing::error!("{error}");
+        }
+    }
+
+    fn tell(&mut self, status: &'static str) -> Result<(), GuardianError> {
+        (self.report.status, self.report.unix_s) = (status, clock::unix_time_s());
+        Ok(self.state.json(REPORT, &self.report)?)
+    }
+}
+
+/// The lines that the daemon sends; the channel ends with the daemon.
+fn words() -> UnboundedReceiver<String> {
+    let (tell, told) = tokio::sync::mpsc::unbounded_channel();
+    std::thread::spawn(move || {
+        for line in std::io::stdin().lock().lines() {
+            let Ok(line) = line else { return };
+            if tell.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    told
+}

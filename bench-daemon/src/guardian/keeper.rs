@@ -1,0 +1,287 @@
+//! The daemon's end of the pipe: starts the guardian, renews the lease as long as the executor makes progress, hears when the guardian is gone.
+
+use std::{
+    io::{BufRead, BufReader, Write},
+    os::unix::process::CommandExt,
+    process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+        mpsc::{self, RecvTimeoutError},
+    },
+    time::Duration,
+};
+
+use instruments::clock::Clock;
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+
+use super::{ALIVE, Charge, DOING, GOODBYE, READY, REFUSED, TAKE_OVER};
+use crate::{
+    bench::BenchError,
+    plan::fixture_name,
+    progress::{Doing, Now},
+    state::{State, StateError},
+    terminal::remark,
+};
+
+/// Time between two words to the guardian.
+const RENEWAL: Duration = Duration::from_millis(200);
+/// So many words without an answer: the guardian is stopped.
+const UNANSWERED: u64 = 100;
+/// Longest wait for a guardian that reaches and identifies its instruments.
+const START: Duration = Duration::from_secs(90);
+/// Longest wait for the guardian of an earlier run to be done, s, and how often it is looked at.
+const EARLIER_S: (f64, f64) = (120.0, 0.2);
+/// Longest wait for a guardian that was dismissed.
+const END: Duration = Duration::from_secs(15);
+
+/// What goes wrong with a guardian.
+#[derive(Debug, thiserror::Error)]
+pub enum GuardianError {
+    /// The state of the bench.
+    #[error(transparent)]
+    State(#[from] StateError),
+    /// An instrument.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// The bench is simulated in this process.
+    #[error("expected a bench with addresses outside this process: there is nothing to guard")]
+    NothingToGuard,
+    /// Two at a time would be in each other's way.
+    #[error("expected no guardian at work on this bench, found one")]
+    Another,
+    /// An earlier one does not come to an end.
+    #[error("the guardian of an earlier run still tries to switch the bench off; its log is {0}")]
+    Busy(String),
+    /// It says why it cannot watch.
+    #[error("{0}")]
+    Refused(String),
+    /// It cannot be started.
+    #[error("expected to start the guardian, the system says: {0}")]
+    Start(#[source] std::io::Error),
+    /// It did not say that it is ready.
+    #[error("expected the guardian to be ready within {START:?}, it was not")]
+    Silent,
+    /// It is no longer there.
+    #[error("the guardian ended or stopped while it was needed: {0}")]
+    Lost(&'static str),
+    /// A person took its folder away.
+    #[error("gave up before safe state was verified")]
+    GaveUp,
+}
+
+enum Heard {
+    Ready,
+    Refused(String),
+    Silent,
+    Gone,
+}
+
+/// A guardian that watches this process.
+pub struct Keeper {
+    heard: UnboundedReceiver<Heard>,
+    goodbye: mpsc::Sender<&'static str>,
+    pid: u32,
+}
+
+impl Keeper {
+    /// Starts a guardian and waits until it has proven that it can reach its instruments. `clock` is the executor's, whose progress renews the lease.
+    ///
+    /// # Errors
+    /// Whatever keeps it from watching.
+    pub async fn start(charge: &Charge<'_>, state: &State, (clock, doing): (&Clock, &Doing)) -> Result<Self, GuardianError> {
+        wait_for_earlier(state, clock).await?;
+        let mut child = spawn(charge).map_err(GuardianError::Start)?;
+        let pid = child.id();
+        let (Some(stdin), Some(stdout)) = (child.stdin.take(), child.stdout.take()) else {
+            return Err(GuardianError::Start(std::io::Error::other("no pipes")));
+        };
+        let (tell, heard) = unbounded_channel();
+        let (goodbye, told) = mpsc::channel();
+        let answers = Arc::new(AtomicU64::new(0));
+        std::thread::spawn({
+            let (tell, answers) = (tell.clone(), answers.clone());
+            move || listen((child, stdout), &tell, &answers)
+        });
+        let stall_s = charge.bench.guardian.stall_s;
+        let renewal = Renewal { clock: clock.clone(), doing: doing.clone(), stall_s, answers, tell };
+        std::thread::spawn(move || renewal.keep(stdin, &told));
+        let mut keeper = Self { heard, goodbye, pid };
+        match clock.deadline(START, keeper.heard.recv()).await {
+            Ok(Some(Heard::Ready)) => Ok(keeper),
+            Ok(Some(Heard::Refused(reason))) => Err(GuardianError::Refused(reason)),
+            Ok(_) => Err(GuardianError::Lost("at its start")),
+            Err(_) => Err(GuardianError::Silent),
+        }
+    }
+
+    /// Its process.
+    pub fn pid(&self) -> u32 {
+        self.pid
+    }
+
+    /// Waits until it is no longer there.
+    pub async fn lost(&mut self) -> GuardianError {
+        GuardianError::Lost(match self.heard.recv().await {
+            Some(Heard::Silent) => "it no longer answers",
+            _ => "its process has ended",
+        })
+    }
+
+    /// The bench is off: says goodbye and waits for its end.
+    pub async fn dismiss(mut self, clock: &Clock) {
+        let _ = self.goodbye.send(GOODBYE);
+        let gone = async { while !matches!(self.heard.recv().await, Some(Heard::Gone) | None) {} };
+        if clock.deadline(END, gone).await.is_err() {
+            tracing::warn!("the guardian, process {}, did not end when it was dismissed", self.pid);
+        }
+    }
+
+    /// The bench may be on: the guardian goes on trying after this process has ended.
+    pub fn hand_over(self) {
+        let _ = self.goodbye.send(TAKE_OVER);
+        // The word must be out before this process ends: its thread ends when it is.
+        drop(self.heard);
+    }
+}
+
+async fn wait_for_earlier(state: &State, clock: &Clock) -> Result<(), GuardianError> {
+    let start_s = clock.machine_s();
+    let mut told = false;
+    while state.lock_guardian()?.is_none() {
+        if clock.machine_s() - start_s > EARLIER_S.0 {
+            return Err(GuardianError::Busy(state.path("guardian.log").display().to_string()));
+        }
+        if !told {
+            remark!("the guardian of an earlier run is still switching the bench off: waiting for it");
+            told = true;
+        }
+        clock.sleep_s(EARLIER_S.1).await;
+    }
+    Ok(())
+}
+
+fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
+    let (least_v, greatest_v) = charge.window_v;
+    // The program that runs, even when the file has been replaced meanwhile. A process group of its own: Ctrl-C at the terminal is not for it.
+    Command::new("/proc/self/exe")
+        .arg("guardian")
+        .arg(&charge.bench.path)
+        .arg("--run")
+        .arg(charge.run)
+        .arg(format!("--least-v={least_v}"))
+        .arg(format!("--greatest-v={greatest_v}"))
+        .process_group(0)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+}
+
+/// Hears what the guardian says until it has ended.
+fn listen((mut child, stdout): (Child, ChildStdout), tell: &UnboundedSender<Heard>, answers: &AtomicU64) {
+    for line in BufReader::new(stdout).lines() {
+        let Ok(line) = line else { break };
+        let heard = match line.strip_prefix(REFUSED) {
+            Some(reason) => Heard::Refused(reason.to_owned()),
+            None if line == READY => Heard::Ready,
+            None => {
+                answers.fetch_add(1, Ordering::Relaxed);
+                continue;
+            }
+        };
+        let _ = tell.send(heard);
+    }
+    let _ = child.wait();
+    let _ = tell.send(Heard::Gone);
+}
+
+struct Renewal {
+    clock: Clock,
+    doing: Doing,
+    stall_s: f64,
+    answers: Arc<AtomicU64>,
+    tell: UnboundedSender<Heard>,
+}
+
+impl Renewal {
+    /// What is to be said now; nothing while the executor hangs.
+    fn word(&self, known: &mut Option<Now>) -> Option<String> {
+        if self.clock.overdue_s() > self.stall_s {
+            return None;
+        }
+        let now = self.doing.now();
+        if known.as_ref() == Some(&now) {
+            return Some(ALIVE.to_owned());
+        }
+        let word = format!("{DOING}{} {}", now.fixture.map_or("unknown", fixture_name), now.step.replace('\n', " "));
+        *known = Some(now);
+        Some(word)
+    }
+
+    /// Says that the daemon is alive, as long as it is more than that: an executor that hangs is as good as dead.
+    fn keep(self, mut stdin: ChildStdin, goodbye: &mpsc::Receiver<&'static str>) {
+        let (mut sent, mut known) = (0, None);
+        loop {
+            match goodbye.recv_timeout(RENEWAL) {
+                Ok(word) => {
+                    let _ = writeln!(stdin, "{word}");
+                    return;
+                }
+                // Whoever let go of the guardian without a word leaves the switching off to it.
+                Err(RecvTimeoutError::Disconnected) => return,
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+            let Some(word) = self.word(&mut known) else { continue };
+            if writeln!(stdin, "{word}").is_err() {
+                return;
+            }
+            sent += 1;
+            if sent > self.answers.load(Ordering::Relaxed) + UNANSWERED {
+                let _ = self.tell.send(Heard::Silent);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use instruments::{clock::TimeMode, mock::plant::Fixture};
+
+    use super::*;
+    use crate::{
+        plan::{Plan, Step},
+        progress::Progress,
+    };
+
+    #[test]
+    fn the_lease_is_renewed_while_the_executor_waits_and_not_while_it_hangs() {
+        Clock::runtime(TimeMode::Virtual).unwrap().block_on(async {
+            let (clock, other) = (Clock::start(TimeMode::Virtual), Clock::start(TimeMode::Virtual));
+            let progress = Progress::new(&Plan { stages: Vec::new() });
+            let (tell, _heard) = unbounded_channel();
+            let doing = progress.doing().clone();
+            let renewal = Renewal { clock: clock.clone(), doing, stall_s: 20.0, answers: Arc::default(), tell };
+            let mut known = None;
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing unknown "));
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+            let mount = Step::Mount(Fixture::Cell);
+            progress.begin("sweep", &mount);
+            progress.end(&mount);
+            progress.begin("sweep", &Step::PowerDown);
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing cell bipolar supply down"));
+            // A wait within its bound, however long.
+            let wait = clock.wait(Some(Duration::from_secs(3600)));
+            other.sleep_s(3000.0).await;
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+            // Computing, for a while and for too long.
+            drop(wait);
+            other.sleep_s(19.0).await;
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+            other.sleep_s(2.0).await;
+            assert_eq!(renewal.word(&mut known), None);
+            clock.sleep_s(0.1).await;
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+        });
+    }
+}

@@ -1,0 +1,346 @@
+//! The journal of a run: what is intended, on disk before it is begun, and what was done, as soon as it is. A run that died is taken up again from it.
+//!
+//! One entry per line: a JSON object with its number, the bench time, the entry, and last the first 16 hexadecimal digits of the SHA-256 of everything
+//! before. Lines are only ever appended, and synced before what they tell of is begun. A last line without its end is a torn one: it is cut off and
+//! kept in `journal.torn`. Anything else that is wrong with a line is an error.
+//!
+//! Not here: what follows from the entries for a run that goes on ([`crate::story`]).
+
+use std::{
+    fs::{File, OpenOptions},
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
+
+use instruments::clock::{Clock, TimeMode};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::{drill::Drill, executor::SweepPoint, interlock::Reading, reconcile::Found};
+
+/// Its name in a run folder.
+pub const JOURNAL: &str = "journal.jsonl";
+/// Where a torn last line is kept.
+pub const TORN: &str = "journal.torn";
+/// What comes before the checksum.
+const CHECKSUM: &str = ",\"sha256\":\"";
+
+/// A journal that cannot be written or believed.
+#[derive(Debug, thiserror::Error)]
+pub enum JournalError {
+    /// The file system.
+    #[error("{path}: {what}: {source}; without a journal nothing may be begun", path = path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was tried.
+        what: &'static str,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// A line that is not as it was written.
+    #[error("{path}:{line}: expected {expected}, found {found}", path = path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Number of the line, from 1.
+        line: usize,
+        /// What should be there.
+        expected: String,
+        /// What is.
+        found: String,
+    },
+}
+
+/// One entry.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Entry {
+    /// The first: what runs.
+    Started(Box<Started>),
+    /// A stage of the plan is begun, or begun anew. Stages and steps count from 0.
+    Stage {
+        /// Its number.
+        stage: usize,
+    },
+    /// A step is about to be begun.
+    Intent {
+        /// The stage.
+        stage: usize,
+        /// The step.
+        step: usize,
+        /// The step in words.
+        text: String,
+    },
+    /// A step was done.
+    Done {
+        /// The stage.
+        stage: usize,
+        /// The step.
+        step: usize,
+    },
+    /// A point of a sweep was measured; its captures are on disk.
+    Point(Box<PointDone>),
+    /// A stage was done, and everything that it gives is on disk.
+    StageDone {
+        /// Its number.
+        stage: usize,
+    },
+    /// Something odd, for the report.
+    Note {
+        /// In words.
+        text: String,
+    },
+    /// What a run that goes on found of an instrument before it changed anything.
+    Found(Found),
+    /// The run goes on after its process had died or been stopped.
+    Resumed {
+        /// Where it goes on, in words.
+        text: String,
+    },
+    /// Every output is off and read back, and no current flows.
+    Safe,
+    /// The run waits on request; no current flows.
+    Paused,
+    /// The run goes on on request.
+    GoneOn,
+    /// The run ended by itself or was ended; `finished` when nothing is left to do.
+    Ended {
+        /// How.
+        how: String,
+    },
+}
+
+/// What runs: enough to know whether a run that goes on is the same.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Started {
+    /// Version of the program.
+    pub version: String,
+    /// Name of the experiment.
+    pub experiment: String,
+    /// Seed of simulation and searches.
+    pub seed: u64,
+    /// How bench time runs.
+    pub time: String,
+    /// It began on a simulated bench that had been used before, or with the correction of another run.
+    pub inherited: bool,
+    /// The files that it was read from, the experiment first, then the bench.
+    pub files: Vec<ConfigCopy>,
+    /// The stages of the plan: the first 16 digits of the SHA-256 of each.
+    pub plan: Vec<String>,
+}
+
+/// A configuration file and its copy in the run folder.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ConfigCopy {
+    /// Where it was.
+    pub path: PathBuf,
+    /// The copy, relative to the run folder.
+    pub copy: String,
+    /// SHA-256 of its text.
+    pub sha256: String,
+}
+
+/// A point that was measured.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PointDone {
+    /// The stage.
+    pub stage: usize,
+    /// The step.
+    pub step: usize,
+    /// Its captures, relative to the run folder, the last being the one that counts, with their SHA-256.
+    pub files: Vec<(String, String)>,
+    /// What was read of the cell before its current went on.
+    pub idle: Reading,
+    /// The point itself.
+    pub point: SweepPoint,
+}
+
+/// A line of the journal.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Line {
+    /// Its number, from 1.
+    pub number: u64,
+    /// Bench time, s.
+    pub time_s: f64,
+    /// What it tells.
+    pub entry: Entry,
+}
+
+/// Something that bytes can be put into so that they stay.
+pub trait Durable: Write + Send {
+    /// Returns when what was written would survive a power cut.
+    ///
+    /// # Errors
+    /// The system's.
+    fn sync(&mut self) -> io::Result<()>;
+}
+
+impl Durable for File {
+    fn sync(&mut self) -> io::Result<()> {
+        self.sync_data()
+    }
+}
+
+/// A world in virtual time dies with its process, and its run can be played again: nothing is gained by waiting for the disk.
+struct Unsynced(File);
+
+impl Write for Unsynced {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+impl Durable for Unsynced {
+    fn sync(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A journal that is being written.
+pub struct Journal {
+    path: PathBuf,
+    file: Box<dyn Durable>,
+    clock: Clock,
+    next: u64,
+    drill: Drill,
+    /// A write has failed and may have left a part of a line: nothing may follow it.
+    broken: bool,
+}
+
+impl Journal {
+    /// Begins the journal of a run folder.
+    ///
+    /// # Errors
+    /// A file that is there already, or cannot be made.
+    pub fn create(folder: &Path, clock: &Clock) -> Result<Self, JournalError> {
+        let path = folder.join(JOURNAL);
+        let made = OpenOptions::new().write(true).create_new(true).open(&path);
+        let file = made.map_err(|source| JournalError::Io { path: path.clone(), what: "cannot be made", source })?;
+        let named = File::open(folder).and_then(|folder| folder.sync_all());
+        named.map_err(|source| JournalError::Io { path: folder.to_owned(), what: "cannot be synced", source })?;
+        Ok(Self::on(path, durable(file, clock), clock, 1))
+    }
+
+    /// Goes on with the journal of a run folder whose lines were read with [`read`]: a torn last line is put aside first.
+    ///
+    /// # Errors
+    /// Files that cannot be written.
+    pub fn reopen(folder: &Path, clock: &Clock, read: &Read) -> Result<Self, JournalError> {
+        let path = folder.join(JOURNAL);
+        let io = |what| {
+            let path = path.clone();
+            move |source| JournalError::Io { path: path.clone(), what, source }
+        };
+        if !read.torn.is_empty() {
+            let mut aside =
+                OpenOptions::new().append(true).create(true).open(folder.join(TORN)).map_err(io("cannot put a torn line aside"))?;
+            aside.write_all(&read.torn).and_then(|()| aside.sync_all()).map_err(io("cannot put a torn line aside"))?;
+        }
+        let file = OpenOptions::new().append(true).open(&path).map_err(io("cannot be opened"))?;
+        file.set_len(read.whole_bytes).and_then(|()| file.sync_all()).map_err(io("cannot be cut after its last whole line"))?;
+        let next = read.lines.last().map_or(1, |line| line.number + 1);
+        Ok(Self::on(path.clone(), durable(file, clock), clock, next))
+    }
+
+    fn on(path: PathBuf, file: Box<dyn Durable>, clock: &Clock, next: u64) -> Self {
+        Self { path, file, clock: clock.clone(), next, drill: Drill::none(), broken: false }
+    }
+
+    /// From now on its writes are points of a crash drill.
+    pub fn drill(&mut self, drill: Drill) {
+        self.drill = drill;
+    }
+
+    /// Appends an entry; it is on disk when this returns.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write(&mut self, entry: Entry) -> Result<(), JournalError> {
+        self.drill.journal();
+        if self.broken {
+            return Err(self.error("cannot be written")(io::Error::other("a write before this one has failed")));
+        }
+        self.broken = true;
+        let line = Line { number: self.next, time_s: (self.clock.now_s() * 1.0e3).round() / 1.0e3, entry };
+        let text = text_of(&line).map_err(|error| self.error("cannot be put into JSON")(io::Error::other(error)))?;
+        self.file.write_all(text.as_bytes()).and_then(|()| self.file.flush()).map_err(self.error("cannot be written"))?;
+        self.file.sync().map_err(self.error("cannot be synced"))?;
+        (self.next, self.broken) = (self.next + 1, false);
+        self.drill.journal();
+        Ok(())
+    }
+
+    fn error(&self, what: &'static str) -> impl Fn(io::Error) -> JournalError + use<> {
+        let path = self.path.clone();
+        move |source| JournalError::Io { path: path.clone(), what, source }
+    }
+}
+
+fn durable(file: File, clock: &Clock) -> Box<dyn Durable> {
+    if clock.mode() == TimeMode::Virtual { Box::new(Unsynced(file)) } else { Box::new(file) }
+}
+
+fn text_of(line: &Line) -> Result<String, serde_json::Error> {
+    let mut text = serde_json::to_string(line)?;
+    text.pop();
+    let sum = checksum(&text);
+    Ok(format!("{text}{CHECKSUM}{sum}\"}}\n"))
+}
+
+/// The first 16 hexadecimal digits of a text's SHA-256.
+pub fn checksum(text: &str) -> String {
+    Sha256::digest(text).iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// A journal as it was found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Read {
+    /// Its whole lines.
+    pub lines: Vec<Line>,
+    /// How long they are, bytes.
+    pub whole_bytes: u64,
+    /// What follows them.
+    pub torn: Vec<u8>,
+}
+
+/// Reads the journal of a run folder and changes nothing.
+///
+/// # Errors
+/// A file that cannot be read; a whole line that is not as it was written.
+pub fn read(folder: &Path) -> Result<Read, JournalError> {
+    let path = folder.join(JOURNAL);
+    let bytes = std::fs::read(&path).map_err(|source| JournalError::Io { path: path.clone(), what: "cannot be read", source })?;
+    let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+    let mut lines = Vec::new();
+    for (index, text) in String::from_utf8_lossy(&bytes[..whole]).lines().enumerate() {
+        let (line, number) = (index + 1, index as u64 + 1);
+        let fail = |expected: String, found: String| JournalError::Line { path: path.clone(), line, expected, found };
+        let Some((body, sum)) = text.rsplit_once(CHECKSUM) else {
+            return Err(fail("a line that ends in its checksum".to_owned(), excerpt(text)));
+        };
+        let (wanted, sum) = (checksum(body), sum.trim_end_matches("\"}"));
+        if wanted != sum {
+            return Err(fail(format!("a line with the checksum {sum}"), format!("one with {wanted}: it was altered after it was written")));
+        }
+        let parsed: Line = serde_json::from_str(text)
+            .map_err(|error| fail(format!("an entry that version {} knows", env!("CARGO_PKG_VERSION")), error.to_string()))?;
+        if parsed.number != number {
+            return Err(fail(format!("line number {number}"), format!("{}: lines are missing or doubled", parsed.number)));
+        }
+        lines.push(parsed);
+    }
+    Ok(Read { lines, whole_bytes: whole as u64, torn: bytes[whole..].to_vec() })
+}
+
+fn excerpt(text: &str) -> String {
+    let short: String = text.chars().take(60).collect();
+    format!("{short:?}")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,64 @@
+//! What a bench is found to be before anything is done to it: outputs are asked for and currents measured; nothing is changed.
+//!
+//! After a crash nobody knows what the instruments were last told. A run that goes on writes down what it found before it switches anything off.
+
+use instruments::exchange::Answer;
+use serde::{Deserialize, Serialize};
+
+use crate::bench::{Bench, BenchError};
+
+/// What was found of one instrument.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Found {
+    /// Its role.
+    pub role: String,
+    /// Its output is off, or opened so that nothing can flow.
+    pub off: bool,
+    /// What it answered.
+    pub answers: Vec<Answer>,
+    /// Voltage that it measures, V; none where it measures nothing.
+    pub volts: Option<f64>,
+    /// Current that it measures, A.
+    pub amps: Option<f64>,
+}
+
+/// Looks at everything that can move charge.
+///
+/// # Errors
+/// The first instrument that does not answer.
+pub async fn look(bench: &mut Bench) -> Result<Vec<Found>, BenchError> {
+    let mut found = Vec::new();
+    macro_rules! look {
+        ($role:literal, $field:ident, $measure:expr) => {
+            let error = bench.error($role);
+            if let Some(instrument) = bench.$field.as_mut() {
+                let answers = instrument.look().await.map_err(&error)?;
+                let off = answers.iter().all(|answer| answer.as_scripted);
+                #[allow(clippy::redundant_closure_call, reason = "only some roles measure")]
+                let (volts, amps) = $measure(instrument).await.map_err(&error)?;
+                found.push(Found { role: $role.to_owned(), off, answers, volts, amps });
+            }
+        };
+    }
+    look!("supply4q", supply4q, async |i: &mut instruments::supply4q::Supply4q| {
+        i.measure().await.map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
+    });
+    look!("generator", generator, async |_: &mut instruments::generator::Generator| Ok((None, None)));
+    look!("load", load, async |i: &mut instruments::load::Load| {
+        i.measure().await.map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
+    });
+    look!("supply", supply, async |i: &mut instruments::supply::Supply| {
+        i.measure().await.map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
+    });
+    Ok(found)
+}
+
+impl std::fmt::Display for Found {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let measured = match (self.volts, self.amps) {
+            (Some(volts), Some(amps)) => format!(", {volts:.4} V, {amps:.4} A"),
+            _ => String::new(),
+        };
+        write!(f, "found {} {}{measured}", self.role, if self.off { "off" } else { "ON" })
+    }
+}

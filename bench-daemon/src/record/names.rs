@@ -1,0 +1,71 @@
+//! Sweeps, points and frames as the files of a run name and describe them.
+
+use analysis::{
+    dataset::{Capture, CaptureMeta, ChannelMeta},
+    sine::CodeScale,
+};
+use instruments::{mock::plant::Fixture, scope::Waveform};
+
+use crate::plan::fixture_name;
+
+/// Points of sweeps in words: each sweep once, its points counted where there are several.
+pub(super) fn places(points: &[(String, f64)]) -> String {
+    let mut sweeps: Vec<(&str, Vec<f64>)> = Vec::new();
+    for (sweep, freq_hz) in points {
+        match sweeps.iter_mut().find(|(known, _)| known == sweep) {
+            Some((_, freqs_hz)) => freqs_hz.push(*freq_hz),
+            None => sweeps.push((sweep, vec![*freq_hz])),
+        }
+    }
+    let words = sweeps.iter().map(|(sweep, freqs_hz)| match freqs_hz.as_slice() {
+        [freq_hz] => format!("{sweep}, {freq_hz:.4} Hz"),
+        several => {
+            let (least, greatest) =
+                several.iter().fold((f64::INFINITY, 0.0_f64), |(least, greatest), &freq_hz| (least.min(freq_hz), greatest.max(freq_hz)));
+            format!("{sweep}, {} points from {least:.4} Hz to {greatest:.4} Hz", several.len())
+        }
+    });
+    words.collect::<Vec<_>>().join("; ")
+}
+
+/// A sweep in names of files: a control is called after its fixture, a sweep of the cell too, and with its number from the second on.
+pub fn sweep_name(fixture: Fixture, repeat: usize) -> String {
+    let name = fixture_name(fixture);
+    match (fixture, repeat) {
+        (_, 0) | (Fixture::Cell, 1) => name.to_owned(),
+        (Fixture::Cell, number) => format!("{name}_{number}"),
+        (_, number) => format!("{name}_sweep_{number}"),
+    }
+}
+
+/// A frame of four channels as it is stored.
+pub(crate) fn capture_of(label: String, freq_hz: f64, start_s: f64, waveforms: &[Waveform; 4]) -> Capture {
+    let channel = |waveform: &Waveform| ChannelMeta { scale: code_scale(waveform), volts_per_div: waveform.preamble.volts_per_div };
+    let channels = waveforms.each_ref().map(channel);
+    let meta = CaptureMeta { label, freq_hz, interval_s: waveforms[0].interval_s, start_s, channels };
+    Capture { meta, codes: waveforms.each_ref().map(|waveform| waveform.codes.clone()) }
+}
+
+/// What a waveform's codes mean: on disk as in the fit.
+pub(crate) fn code_scale(waveform: &Waveform) -> CodeScale {
+    let preamble = &waveform.preamble;
+    CodeScale {
+        volts_per_code: preamble.volts_per_code,
+        offset_v: preamble.offset_v,
+        code_min: preamble.code_min,
+        code_max: preamble.code_max,
+        code_step: preamble.code_step,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_named_by_sweep_and_counted() {
+        let points = [("shunt", 300.0), ("cell", 0.1), ("cell", 10.0), ("cell", 0.5)].map(|(sweep, freq_hz)| (sweep.to_owned(), freq_hz));
+        assert_eq!(places(&points[..1]), "shunt, 300.0000 Hz");
+        assert_eq!(places(&points), "shunt, 300.0000 Hz; cell, 3 points from 0.1000 Hz to 10.0000 Hz");
+    }
+}

@@ -1,0 +1,89 @@
+//! Seeded faults around every instrument of a bench during a short sweep: whatever goes wrong, the run ends finished or with a named cause, the outputs are
+//! off, the cell was never harmed, and no wrong impedance passes without a remark.
+//!
+//! `EIS_BENCH_BAD_DAYS=10000` plays so many schedules instead of continuous integration's share.
+
+use std::{collections::BTreeMap, path::Path};
+
+use bench_daemon::{command::run::Session, config::Experiment};
+use instruments::mock::{Fault, Happened, Schedule};
+
+use crate::support::{Files, truth};
+
+/// Longest that a short sweep may take with all its repetitions and attempts to switch off, bench s.
+const BOUND_S: f64 = 3600.0;
+/// How far a point may be off the truth, Ω/Ω: the bench's own uncertainty is a thousandth.
+const OFF: f64 = 0.01;
+
+/// How one day ended.
+struct Day {
+    ended: &'static str,
+    text: String,
+    happened: Vec<Happened>,
+    /// What must not be.
+    wrong: Vec<String>,
+}
+
+fn day(experiment: &Experiment, folder: &Path, seed: u64) -> Day {
+    let mut experiment = experiment.clone();
+    let schedule = Schedule { seed, per_message: 2e-3, most: 3, faults: Fault::ALL.to_vec() };
+    if let Some(simulation) = &mut experiment.bench.simulation {
+        simulation.faults = Some(schedule);
+    }
+    let run = folder.join(seed.to_string());
+    let mut session = Session::new(&experiment.bench).unwrap();
+    let outcome = session.run(&experiment, &run);
+    let simulation = session.simulation().unwrap();
+    let mut wrong = Vec::new();
+    let (ended, text) = match &outcome {
+        Ok(finished) => {
+            let points = &finished.measured.spectrum.points;
+            for (point, truth) in points.iter().zip(truth(simulation.world(), points)) {
+                let off = (point.z_ohm / truth - 1.0).norm();
+                if off > OFF && !finished.summary.contains(&format!("{:.4} Hz", point.freq_hz)) {
+                    wrong.push(format!("{} Hz off by {off:.4} without a remark", point.freq_hz));
+                }
+            }
+            ("finished", String::new())
+        }
+        Err(failure) if failure.to_string().starts_with("SAFE STATE COULD NOT BE VERIFIED") => ("unsafe", failure.to_string()),
+        Err(failure) => ("stopped", failure.to_string()),
+    };
+    if ended == "stopped" && text.len() < 20 {
+        wrong.push(format!("no cause: {text:?}"));
+    }
+    let world = simulation.world().lock().unwrap();
+    if ended != "unsafe" && world.truth_current_a() != 0.0 {
+        wrong.push(format!("{} A still flow", world.truth_current_a()));
+    }
+    wrong.extend(world.witness().abuse.iter().map(|abuse| format!("the cell: {abuse:?}")));
+    if session.now_s() > BOUND_S {
+        wrong.push(format!("{} s", session.now_s()));
+    }
+    std::fs::remove_dir_all(&run).unwrap();
+    Day { ended, text, happened: simulation.happened(), wrong }
+}
+
+#[test]
+fn every_bad_day_ends_finished_or_with_a_cause_in_safe_state() {
+    let days = std::env::var("EIS_BENCH_BAD_DAYS").map_or(40, |days| days.parse().unwrap());
+    let files = Files::short(3);
+    let experiment = files.load();
+    let mut ends: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut faults: BTreeMap<String, usize> = BTreeMap::new();
+    let mut wrong = Vec::new();
+    for seed in 0..days {
+        let day = day(&experiment, &files.path("days"), seed);
+        *ends.entry(day.ended).or_default() += 1;
+        for happened in &day.happened {
+            *faults.entry(format!("{:?}", happened.fault)).or_default() += 1;
+        }
+        let told = || day.happened.iter().map(|happened| format!("{:?} of {}: {}", happened.fault, happened.model, happened.message));
+        if day.ended == "unsafe" || !day.wrong.is_empty() {
+            wrong.push(format!("seed {seed}, {}: {:?} {} after {:?}", day.ended, day.wrong, day.text, told().collect::<Vec<_>>()));
+        }
+    }
+    println!("bad days, seeds 0 to {}: {ends:?}; faults {faults:?}", days - 1);
+    assert!(wrong.is_empty(), "{} of {days}:\n{}", wrong.len(), wrong.join("\n"));
+    assert!(faults.values().sum::<usize>() > usize::try_from(days).unwrap() / 2, "{faults:?}");
+}

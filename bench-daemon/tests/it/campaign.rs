@@ -1,0 +1,127 @@
+//! Campaigns: several cells, several times, one set of files; and what may be wanted of one that is going on.
+
+use std::fs;
+
+use analysis::{dataset::RunIndex, spectrum::Spectrum};
+use bench_daemon::command::run::run_experiment;
+
+use crate::{
+    resume::resume,
+    support::{EXPERIMENT, Files, Ports, Running, SCENARIO, command, files_below, json, poll, program},
+};
+
+/// Two cells, two sweeps each, a few points.
+fn files() -> Files {
+    Files::short(3)
+        .append(EXPERIMENT, "[campaign]\nrepeats = 2\ncells = [{ name = \"A\", serial = \"S1\" }, { name = \"B\" }]")
+        .append(SCENARIO, "[specimens]\ncount = 2")
+}
+
+#[test]
+fn two_by_two_give_four_spectra_their_spread_and_one_model_and_the_same_files_again() {
+    let files = files();
+    let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
+    run_experiment(&files.load(), &files.path("again")).unwrap();
+    let (run, again) = (files.path("run"), files.path("again"));
+    assert_eq!(files_below(&run), files_below(&again));
+    // The log is the process', not the run's: two runs in one process share it.
+    for name in files_below(&run).into_iter().filter(|name| name.as_os_str() != "log.txt") {
+        assert!(fs::read(run.join(&name)).unwrap() == fs::read(again.join(&name)).unwrap(), "{} differs", name.display());
+    }
+    let names = |spectrum: &Spectrum| spectrum.name.clone();
+    let measured = &finished.measured;
+    assert_eq!(names(&measured.spectrum), "A_1");
+    assert_eq!(measured.repeats.iter().map(names).collect::<Vec<_>>(), ["A_2", "B_1", "B_2"]);
+    let spectra: Vec<_> = files_below(&run.join("spectra")).iter().map(|name| name.display().to_string()).collect();
+    assert_eq!(spectra, ["A_1.csv", "A_2.csv", "B_1.csv", "B_2.csv"]);
+    let campaign = json(&run.join("campaign.json"));
+    assert_eq!(campaign["runs"].as_array().unwrap().len(), 4);
+    assert_eq!(campaign["cells"][0]["serial"], "S1");
+    assert_eq!(campaign["models"].as_array().unwrap().len(), 1);
+    // The true cells differ by some per cent at most, and the repeats of one by the noise alone.
+    let point = &campaign["spread"][0];
+    let number = |field: &str| point[field].as_f64().unwrap();
+    assert!((1.0e-4..0.05).contains(&number("cells_magnitude_rel")), "{point}");
+    assert!(number("repeats_re_ohm") < 5.0 * number("stated_re_ohm"), "{point}");
+    assert!(finished.summary.contains("campaign: 4 spectra of 2 cells; |Z| differs by "), "{}", finished.summary);
+    assert!(run.join("plots/campaign.svg").exists() && run.join("plots/campaign.png").exists());
+}
+
+#[test]
+fn the_spread_between_cells_is_that_of_the_true_cells() {
+    let files = files();
+    let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
+    let mut world = finished.simulation.unwrap().world().lock().unwrap().clone();
+    let measured = &finished.measured;
+    for (number, spectrum) in [(1, &measured.spectrum), (2, &measured.repeats[2])] {
+        use instruments::mock::plant::{Fixture, Plant};
+        assert!(world.insert(1.0e6, number));
+        for point in &spectrum.points {
+            let true_ohm = world.truth_impedance(Fixture::Cell, point.freq_hz).norm();
+            let off = (point.magnitude_ohm() / true_ohm - 1.0).abs();
+            assert!(off < 0.003, "cell {number}, {} Hz: off by {off}", point.freq_hz);
+        }
+    }
+}
+
+#[test]
+fn a_campaign_is_paused_reordered_aborted_and_gone_on_with_from_another_terminal() {
+    let files = files().without(EXPERIMENT, "fixture_check");
+    let ports = Ports::serve(&files, 10.0, 1);
+    let run = files.path("run");
+    let experiment = files.experiment();
+    let start = |arguments: &[&std::ffi::OsStr]| Running(command(arguments).spawn().unwrap());
+    let say = |arguments: &[&str]| {
+        let mut all: Vec<&std::ffi::OsStr> = vec![arguments[0].as_ref(), run.as_os_str()];
+        all.extend(arguments[1..].iter().map(|argument| <str as AsRef<std::ffi::OsStr>>::as_ref(argument)));
+        program(&all).expect_code(0);
+    };
+    let told = |text: &str| poll(text, || fs::read_to_string(run.join("journal.jsonl")).ok().filter(|journal| journal.contains(text)));
+    let rows = |name: &str| poll(name, || run.join("spectra").join(name).exists().then_some(()));
+
+    let mut child = start(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]);
+    rows("A_1.csv");
+    say(&["pause"]);
+    told("\"entry\":\"paused\"");
+    assert_eq!(ports.world.lock().unwrap().truth_current_a(), 0.0, "paused means no current");
+    say(&["reorder", "4", "2"]);
+    say(&["go-on"]);
+    told("\"entry\":\"gone_on\"");
+    rows("B_2.csv");
+    say(&["abort"]);
+    assert_eq!(child.0.wait().unwrap().code(), Some(130));
+    ports.assert_outputs_off();
+    assert!(!run.join("spectra/A_2.csv").exists() && !run.join("spectra/B_1.csv").exists());
+    let ended = program(&["pause".as_ref(), run.as_os_str()]);
+    ended.expect_code(2);
+    assert!(ended.message().contains("expected a run that is going on, found one that has ended: ended early: ended on request"));
+
+    resume(&run, &[]).expect_code(0);
+    let index: RunIndex = serde_json::from_str(&fs::read_to_string(run.join("traces.json")).unwrap()).unwrap();
+    let order: Vec<&str> = index.sweeps.iter().map(|sweep| sweep.file.as_str()).collect();
+    assert_eq!(order, ["spectra/A_1.csv", "spectra/B_2.csv", "spectra/A_2.csv", "spectra/B_1.csv"]);
+    assert_eq!(index.sweeps.iter().map(|sweep| sweep.order).collect::<Vec<_>>(), [0, 1, 2, 3]);
+    ports.assert_outputs_off();
+    assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+}
+
+#[test]
+fn a_campaign_that_cannot_be_is_refused() {
+    let refuse = |files: &Files| files.run("refused").expect_code(2).message().to_owned();
+    for (from, to, expected) in [
+        ("name = \"B\"", "name = \"a\"", "campaign.cells.2.name: expected names that differ, found \"a\" twice"),
+        ("name = \"B\"", "name = \"B/\"", "campaign.cells.2.name: expected a name of letters, digits and `-`, found \"B/\""),
+        ("repeats = 2", "repeats = 0", "campaign.repeats: expected 1 repeats to 1000 repeats, found 0 repeats"),
+        (
+            "amplitude = \"1 A\"",
+            "amplitude = \"1 A\"\nrepeat = 2",
+            "campaign: expected a section [eis] that sweeps the cell with a repeat of 1",
+        ),
+    ] {
+        let message = refuse(&files().edit(EXPERIMENT, from, to));
+        assert!(message.contains(expected), "{message}");
+    }
+    let none = files().edit(SCENARIO, "count = 2", "count = 1").run("one");
+    none.expect_code(3);
+    assert!(none.message().contains("JIG:CELL 2"), "{}", none.message());
+}

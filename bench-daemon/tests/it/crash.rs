@@ -1,0 +1,188 @@
+//! The crash drill: a short campaign is killed (SIGKILL) at its exchanges with the instruments and at its writes to the journal, over real sockets, and goes
+//! on each time. `EIS_BENCH_CRASHES=all` takes every point; else a share of them, spread over all by a seed.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    sync::{
+        Mutex,
+        atomic::{AtomicUsize, Ordering},
+    },
+};
+
+use analysis::{dataset::read_spectrum_csv, spectrum::ImpedancePoint};
+
+use crate::{
+    resume::resume,
+    support::{EXPERIMENT, Files, Ports, SCENARIO, command, files_below},
+};
+
+/// Bench seconds in one second.
+const FACTOR: f64 = 30.0;
+/// Crashes without the variable.
+const SHARE: usize = 24;
+/// One of so many crashes is at the journal.
+const JOURNAL: usize = 4;
+/// One of so many runs dies a second time, after it has gone on.
+const TWICE: usize = 3;
+/// Crashes at a time; they mostly wait.
+const AT_ONCE: usize = 6;
+/// How far a point may be from that of the run that was not disturbed, in standard deviations of the difference.
+const AGREES: f64 = 6.0;
+
+/// Two cells, one sweep of three points each, a SOC reset of some minutes before each.
+fn files() -> Files {
+    Files::brief(3)
+        .without(EXPERIMENT, "fixture_check")
+        .edit(EXPERIMENT, "discharge_until = \"3.52 V\"", "discharge_until = \"3.72 V\"")
+        .edit(EXPERIMENT, "charge_until = \"3.80 V\"", "charge_until = \"3.83 V\"")
+        .edit(EXPERIMENT, "rest_min = \"5 min\"", "rest_min = \"10 s\"")
+        .edit(EXPERIMENT, "rest_slope = \"0.2 mV/min\"", "rest_slope = \"50 mV/min\"")
+        .append(EXPERIMENT, "[campaign]\nrepeats = 1\ncells = [{ name = \"A\" }, { name = \"B\" }]")
+        .append(SCENARIO, "[specimens]\ncount = 2\nsoc = 0.001")
+}
+
+/// The points at which a run can die: exchanges, writes.
+fn points(run: &Path) -> (usize, usize) {
+    let lines = |path: PathBuf| fs::read_to_string(path).unwrap().lines().count();
+    let exchanges = files_below(&run.join("transcripts")).into_iter().map(|name| lines(run.join("transcripts").join(name))).sum();
+    (exchanges, 2 * lines(run.join("journal.jsonl")))
+}
+
+/// Every point, or a share that a seed spreads over them.
+fn chosen((exchanges, writes): (usize, usize)) -> Vec<String> {
+    let asked = std::env::var("EIS_BENCH_CRASHES").unwrap_or_default();
+    if asked == "all" {
+        let all = (1..=exchanges).map(|number| format!("exchange:{number}"));
+        return all.chain((1..=writes).map(|number| format!("journal:{number}"))).collect();
+    }
+    let share: usize = asked.parse().unwrap_or(SHARE);
+    let spread = |kind: &str, points: usize, share: usize| {
+        let width = points / share;
+        let at = |index: usize| 1 + index * width + (index.wrapping_mul(7919) + 13) % width;
+        (0..share).map(|index| format!("{kind}:{}", at(index))).collect::<Vec<_>>()
+    };
+    [spread("exchange", exchanges, share - share / JOURNAL), spread("journal", writes, share / JOURNAL)].concat()
+}
+
+/// Whole lines of the tables of a run.
+fn rows(run: &Path) -> BTreeMap<PathBuf, String> {
+    let table = |name: &PathBuf| name.extension().is_some_and(|extension| extension == "csv") && !name.starts_with("config");
+    let whole = |name: PathBuf| {
+        let text = fs::read_to_string(run.join(&name)).unwrap();
+        let end = text.rfind('\n').map_or(0, |at| at + 1);
+        (name, text[..end].to_owned())
+    };
+    files_below(run).into_iter().filter(table).map(whole).collect()
+}
+
+/// The sweeps as read: what is uncertain of them is their noise alone.
+fn spectra(run: &Path) -> Vec<ImpedancePoint> {
+    ["cell", "cell_2"].into_iter().flat_map(|name| read_spectrum_csv(&run.join(format!("raw_{name}.csv"))).unwrap()).collect()
+}
+
+/// Runs or goes on until it dies at a point; whether it did.
+fn dies(mut command: std::process::Command, drill: &str) -> bool {
+    let ended = command.env("EIS_BENCH_DRILL", drill).output().unwrap();
+    if std::os::unix::process::ExitStatusExt::signal(&ended.status) == Some(9) {
+        return true;
+    }
+    // It exchanged less than the undisturbed run: there was nothing to die at.
+    assert_eq!(ended.status.code(), Some(0), "{drill}: {}", String::from_utf8_lossy(&ended.stderr));
+    false
+}
+
+/// The greatest distance from what an undisturbed run found, in standard deviations.
+#[track_caller]
+fn distance(run: &Path, reference: &[ImpedancePoint]) -> f64 {
+    let found = spectra(run);
+    assert_eq!(found.len(), reference.len());
+    let one = |(a, b): (&ImpedancePoint, &ImpedancePoint)| {
+        assert_eq!(a.freq_hz, b.freq_hz);
+        let z = a.z_ohm - b.z_ohm;
+        let sigma = |a: f64, b: f64| (a + b).sqrt();
+        let re = z.re.abs() / sigma(a.covariance.re_re, b.covariance.re_re);
+        re.max(z.im.abs() / sigma(a.covariance.im_im, b.covariance.im_im))
+    };
+    found.iter().zip(reference).map(one).fold(0.0, f64::max)
+}
+
+/// One crash, or two of one run, and what became of it, as a row of the table.
+fn crash((index, drill): (usize, &str), reference: &[ImpedancePoint]) -> String {
+    let files = files();
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let run = files.path("run");
+    let experiment = files.experiment();
+    if !dies(command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]), drill) {
+        return format!("{drill:<14} not reached");
+    }
+    let current_a = ports.world.lock().unwrap().truth_current_a();
+    let before = rows(&run);
+    let told = |text: &str| fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default().contains(text);
+    if !told("\"started\"") {
+        let refused = resume(&run, &[]);
+        refused.expect_code(2);
+        assert!(refused.message().contains("nothing was done yet"), "{drill}: {}", refused.message());
+        files.run("again").expect_code(0);
+        return format!("{drill:<14} nothing was done yet, run from the beginning, {:.1} σ", distance(&files.path("again"), reference));
+    }
+    let mut became = "was finished";
+    if !told("{\"ended\":{\"how\":\"finished\"}}") {
+        became = "went on";
+        let again = command(&["resume".as_ref(), run.as_os_str()]);
+        let twice = index % TWICE == 0 && dies(again, &format!("exchange:{}", 60 + 17 * index % 400));
+        if twice {
+            became = "died again, went on";
+        }
+        if !told("{\"ended\":{\"how\":\"finished\"}}") {
+            resume(&run, &[]).expect_code(0);
+        }
+        let after = rows(&run);
+        for (name, rows) in &before {
+            assert!(after[name].starts_with(rows.as_str()), "{drill}: rows of {} were lost or changed", name.display());
+        }
+    }
+    let points = before.iter().filter(|(name, _)| name.starts_with("spectra")).map(|(_, text)| text.lines().count() - 1).sum::<usize>();
+    let sigmas = distance(&run, reference);
+    assert!(sigmas < AGREES, "{drill}: {sigmas} standard deviations");
+    ports.assert_outputs_off();
+    let witness = ports.world.lock().unwrap().witness();
+    assert_eq!(witness.abuse, [], "{drill}: the cell left its envelope");
+    let (least_v, greatest_v) = (witness.least_v, witness.greatest_v);
+    format!(
+        "{drill:<14} {current_a:>7.3} A | {points} points kept | {became:<20} | {sigmas:.1} σ | cell {least_v:.3} V to {greatest_v:.3} V"
+    )
+}
+
+#[test]
+fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
+    let files = files();
+    let ports = Ports::serve(&files, FACTOR, 1);
+    files.run("whole").expect_code(0);
+    assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+    drop(ports);
+    let reference = spectra(&files.path("whole"));
+    let all = points(&files.path("whole"));
+    let kills = chosen(all);
+    let (next, table) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
+    std::thread::scope(|scope| {
+        for _ in 0..AT_ONCE {
+            scope.spawn(|| {
+                while let Some((index, drill)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|at| Some((at, kills.get(at)?))) {
+                    let row = crash((index, drill), &reference);
+                    table.lock().unwrap().insert(index, row);
+                }
+            });
+        }
+    });
+    let table = table.into_inner().unwrap();
+    assert_eq!(table.len(), kills.len());
+    let text: String = table.into_values().map(|row| row + "\n").collect();
+    // Shown with --nocapture, and beside the test's binary for whoever wants the table of all.
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("kills.txt");
+    let text = format!("{} of {} exchanges and {} ends of writes to the journal\n{text}", kills.len(), all.0, all.1);
+    fs::write(&path, &text).unwrap();
+    std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes()).unwrap();
+    assert!(all.0 + all.1 >= 2000, "expected at least 2000 points to die at, found {all:?}");
+}

@@ -1,0 +1,273 @@
+//! Real processes on real ports: a daemon that dies, hangs or loses an instrument; what its guardian does, and what a person has to do afterwards.
+
+use std::{
+    fs,
+    io::{Read, Write},
+    net::{Shutdown, TcpListener, TcpStream},
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::Pid,
+};
+
+use crate::{
+    kill::{end, start, wait_for_points},
+    support::{BENCH, Ended, Files, Ports, Running, files_below, json, poll, program},
+};
+
+const FACTOR: f64 = 10.0;
+
+/// A file in the state folder of the bench.
+fn state(files: &Files, name: &str) -> PathBuf {
+    files.path("benches/.eis-bench/demo").join(name)
+}
+
+/// The guardian's report as soon as it has this status.
+pub(crate) fn report(files: &Files, status: &str) -> serde_json::Value {
+    poll(&format!("a guardian's report of {status:?}"), || {
+        let report: serde_json::Value = serde_json::from_str(&fs::read_to_string(state(files, "guardian.json")).ok()?).ok()?;
+        (report["status"] == status).then_some(report)
+    })
+}
+
+fn signal(process: i32, signal: Signal) {
+    kill(Pid::from_raw(process), signal).unwrap();
+}
+
+fn pid(child: &Running) -> i32 {
+    i32::try_from(child.0.id()).unwrap()
+}
+
+/// A command on the bench file.
+fn on_bench(files: &Files, words: &[&str]) -> Ended {
+    let bench = files.path(BENCH);
+    let arguments: Vec<&std::ffi::OsStr> =
+        words[..1].iter().map(AsRef::as_ref).chain([bench.as_os_str()]).chain(words[1..].iter().map(AsRef::as_ref)).collect();
+    program(&arguments)
+}
+
+#[test]
+fn a_daemon_that_is_killed_leaves_a_bench_that_is_off_within_five_seconds() {
+    let files = Files::short(6);
+    let ports = Ports::serve(&files, 1.0, 1);
+    let run = files.path("killed");
+    let mut child = start(&files, &run, &[]);
+    wait_for_points(&mut child, &run, ("raw_shunt.csv", 1));
+    let watching = report(&files, "watching");
+    assert_eq!(watching["daemon"], pid(&child));
+    child.0.kill().unwrap();
+    let report = report(&files, "verified");
+    let took_s = report["took_s"].as_f64().unwrap();
+    assert!(took_s < 5.0 && report["attempts"] == 1 && report["cause"] == "the daemon died", "{report}");
+    assert!(report["step"].as_str().unwrap().starts_with("point"), "{report}");
+    for role in ["supply4q", "load", "supply"] {
+        assert!(report["read_back"][role][1].as_f64().unwrap().abs() < 0.1, "{report}");
+    }
+    ports.assert_outputs_off();
+    assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+    // Nobody has to look: nothing was wrong with the cell.
+    assert!(!state(&files, "trip.json").exists());
+}
+
+#[test]
+fn a_daemon_that_is_stopped_loses_its_lease_and_its_life() {
+    let files = Files::short(6).append(BENCH, "[guardian]\nlease = \"1.5 s\"");
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let run = files.path("stopped");
+    let mut child = start(&files, &run, &[]);
+    wait_for_points(&mut child, &run, ("spectrum.csv", 2));
+    signal(pid(&child), Signal::SIGSTOP);
+    let report = report(&files, "verified");
+    assert!(report["cause"] == "the daemon hung or was stopped" && report["failures"] == serde_json::json!([]), "{report}");
+    let status = child.0.wait().unwrap();
+    assert_eq!(std::os::unix::process::ExitStatusExt::signal(&status), Some(9));
+    ports.assert_outputs_off();
+    assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+    files.run("again").expect_code(0);
+}
+
+#[test]
+fn a_bench_is_run_by_one_daemon_and_switched_off_beside_one_that_hangs() {
+    let files = Files::short(6).append(BENCH, "[guardian]\nlease = \"300 s\"");
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let run = files.path("stopped");
+    let mut child = start(&files, &run, &[]);
+    wait_for_points(&mut child, &run, ("spectrum.csv", 2));
+    let second = files.run("second");
+    second.expect_code(8);
+    let words = format!("expected a bench that nobody runs: process {} runs demo for {}", pid(&child), run.display());
+    assert_eq!(second.message(), words);
+    assert!(!files.path("second").exists());
+
+    signal(pid(&child), Signal::SIGSTOP);
+    assert!(ports.world.lock().unwrap().witness().throughput_c > 0.0);
+    let safe = on_bench(&files, &["safe", "--kill"]);
+    safe.expect_code(0);
+    assert!(safe.stderr.contains(&format!("process {} runs this bench for {}", pid(&child), run.display())), "{}", safe.stderr);
+    for role in ["supply4q", "generator", "load", "supply"] {
+        assert!(safe.stdout.lines().any(|line| line.starts_with(role) && line.contains("off, read back")), "{}", safe.stdout);
+    }
+    report(&files, "verified");
+    ports.assert_outputs_off();
+    assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+    // Twice does no harm.
+    on_bench(&files, &["safe"]).expect_code(0);
+}
+
+#[test]
+fn a_guardian_that_dies_ends_the_run_in_safe_state() {
+    let files = Files::short(6);
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let run = files.path("alone");
+    let mut child = start(&files, &run, &[]);
+    wait_for_points(&mut child, &run, ("raw_shunt.csv", 2));
+    signal(i32::try_from(report(&files, "watching")["pid"].as_i64().unwrap()).unwrap(), Signal::SIGKILL);
+    let (code, text) = end(child);
+    assert_eq!(code, Some(9), "{text}");
+    assert!(text.contains("the guardian ended or stopped while it was needed: its process has ended"), "{text}");
+    ports.assert_outputs_off();
+    assert!(!state(&files, "trip.json").exists());
+}
+
+#[test]
+fn a_trip_latches_until_a_person_clears_it() {
+    // Eight times the command.
+    let files = Files::short(2).edit(BENCH, "command_trim = 1.0", "command_trim = 8.0");
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let tripped = files.run("run");
+    tripped.expect_code(5);
+    let trip = json(&state(&files, "trip.json"));
+    assert_eq!((&trip["by"], &trip["quantity"], &trip["unit"]), (&"daemon".into(), &"cell current".into(), &"A".into()), "{trip}");
+    assert!(trip["step"].as_str().unwrap().starts_with("point  1") && trip["run"] == files.path("run").display().to_string(), "{trip}");
+
+    files.write(BENCH, &files.text(BENCH).replace("command_trim = 8.0", "command_trim = 1.0"));
+    let refused = files.run("again");
+    refused.expect_code(7);
+    let cause = tripped.message();
+    assert!(refused.message().starts_with(&format!("demo is latched: {cause} in step \"point  1")), "{}", refused.message());
+    assert!(refused.message().contains("`eis-bench clear ") && refused.message().ends_with("/benches/demo.toml`"), "{}", refused.message());
+    assert!(!files.path("again").exists());
+
+    let shown = on_bench(&files, &["clear"]);
+    shown.expect_code(2);
+    assert!(shown.stdout.starts_with(&format!("demo is latched by the daemon: {cause}")), "{}", shown.stdout);
+    files.run("again").expect_code(7);
+    on_bench(&files, &["clear", "--yes"]).expect_code(0);
+    assert_eq!(on_bench(&files, &["clear"]).expect_code(0).stdout, "demo is not latched\n");
+    files.run("again").expect_code(0);
+    let history = fs::read_to_string(state(&files, "trips.jsonl")).unwrap();
+    assert_eq!((history.matches("\"what\":\"latched\"").count(), history.matches("\"what\":\"cleared\"").count()), (1, 1), "{history}");
+    ports.assert_outputs_off();
+}
+
+#[test]
+fn a_bench_in_this_process_leaves_nothing_behind() {
+    let files = Files::short(2);
+    files.run("run").expect_code(0);
+    assert!(!files_below(&files.path("benches")).iter().any(|file| file.starts_with(".eis-bench")));
+    for words in [&["safe"][..], &["clear"]] {
+        assert!(on_bench(&files, words).expect_code(0).stdout.starts_with("demo is simulated in the process that runs it"));
+    }
+}
+
+#[test]
+fn a_state_folder_that_cannot_be_written_is_refused_before_anything_is_touched() {
+    let files = Files::short(2).edit(BENCH, "name = \"demo\"", "name = \"demo\"\nstate_folder = \"/proc/eis-bench\"");
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let ended = files.run("run");
+    ended.expect_code(2);
+    assert!(
+        ended.message().starts_with("/proc/eis-bench: the state of the bench has no folder, and none can be made: "),
+        "{}",
+        ended.message()
+    );
+    assert!(!files.path("run").exists());
+    ports.assert_outputs_off();
+}
+
+#[test]
+fn with_the_network_to_the_supply_cut_the_generator_ends_the_current_and_the_guardian_goes_on_until_it_is_back() {
+    lose("supply4q (kepco-bop-mg)", ["generator (", "load (", "supply ("]);
+}
+
+#[test]
+fn with_the_network_to_the_generator_cut_the_supply_ends_the_current_and_the_guardian_goes_on_until_it_is_back() {
+    lose("generator (siglent-sdg1000x)", ["supply4q (", "load (", "supply ("]);
+}
+
+/// Loses one instrument in the middle of a sweep; the others are reached.
+fn lose(lost: &str, reached: [&str; 3]) {
+    let files = Files::short(6);
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let cable = Cable::plug_in(&files, lost.split(' ').next().unwrap());
+    let run = files.path("cut");
+    let mut child = start(&files, &run, &[]);
+    wait_for_points(&mut child, &run, ("spectrum.csv", 2));
+    cable.cut.store(true, Ordering::SeqCst);
+    let (code, text) = end(child);
+    assert_eq!(code, Some(6), "{text}");
+    // What cannot be verified is named, and what was reached is not.
+    assert!(text.contains("SAFE STATE COULD NOT BE VERIFIED, LOOK AT THE BENCH: ") && text.contains(&format!("{lost}: ")), "{text}");
+    for role in reached {
+        assert!(!text.contains(role), "{role}: {text}");
+    }
+    // Under the generator's least sine the supply drives milliamperes, and its own zero error.
+    assert!(ports.world.lock().unwrap().truth_current_a().abs() < 0.1);
+    files.run("refused").expect_code(7);
+
+    cable.cut.store(false, Ordering::SeqCst);
+    let report = report(&files, "verified");
+    assert_eq!(report["cause"], "the daemon could not verify safe state");
+    ports.assert_outputs_off();
+    assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+    on_bench(&files, &["clear", "--yes"]).expect_code(0);
+    files.run("again").expect_code(0);
+}
+
+/// A cable between everybody and one instrument, which can be cut: what is on its way is lost, and no new connection comes up.
+struct Cable {
+    cut: Arc<AtomicBool>,
+}
+
+impl Cable {
+    fn plug_in(files: &Files, role: &str) -> Self {
+        let (bench, _) = bench_daemon::config::load_bench(&files.path(BENCH)).unwrap();
+        let addressed = bench.instruments.addressed();
+        let address = addressed.iter().find(|(name, _)| *name == role).unwrap().1.address.to_string();
+        let instrument = address.strip_prefix("tcp://").unwrap().to_owned();
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        files.write(BENCH, &files.text(BENCH).replace(&instrument, &listener.local_addr().unwrap().to_string()));
+        let cut = Arc::new(AtomicBool::new(false));
+        let shared = cut.clone();
+        std::thread::spawn(move || {
+            for client in listener.incoming().map_while(Result::ok) {
+                if !shared.load(Ordering::SeqCst)
+                    && let Ok(far) = TcpStream::connect(&instrument)
+                {
+                    let (near, there) = (client.try_clone().unwrap(), far.try_clone().unwrap());
+                    let (one, other) = (shared.clone(), shared.clone());
+                    std::thread::spawn(move || carry(client, far, &one));
+                    std::thread::spawn(move || carry(there, near, &other));
+                }
+            }
+        });
+        Self { cut }
+    }
+}
+
+fn carry(mut from: TcpStream, mut to: TcpStream, cut: &AtomicBool) {
+    let mut bytes = [0_u8; 4096];
+    while let Ok(count @ 1..) = from.read(&mut bytes) {
+        if !cut.load(Ordering::SeqCst) && to.write_all(&bytes[..count]).is_err() {
+            break;
+        }
+    }
+    let _ = to.shutdown(Shutdown::Both);
+    let _ = from.shutdown(Shutdown::Both);
+}

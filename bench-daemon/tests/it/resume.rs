@@ -1,0 +1,173 @@
+//! Runs that died and go on in their folders.
+
+use std::{fs, path::Path};
+
+use crate::support::{BENCH, EXPERIMENT, Ended, Files, Ports, command, files_below, json, program};
+
+/// Runs the experiment with a crash drill; it must die by SIGKILL.
+fn die(files: &Files, run: &Path, drill: &str) {
+    let experiment = files.experiment();
+    let mut command = command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]);
+    let output = command.env("EIS_BENCH_DRILL", drill).output().unwrap();
+    let signal = std::os::unix::process::ExitStatusExt::signal(&output.status);
+    assert_eq!(signal, Some(9), "{drill}: {}", String::from_utf8_lossy(&output.stderr));
+}
+
+pub(crate) fn resume(run: &Path, more: &[&str]) -> Ended {
+    let mut arguments = vec!["resume".as_ref(), run.as_os_str()];
+    arguments.extend(more.iter().map(|argument| <str as AsRef<std::ffi::OsStr>>::as_ref(argument)));
+    program(&arguments)
+}
+
+#[track_caller]
+fn assert_same_files(left: &Path, right: &Path) {
+    assert_eq!(files_below(left), files_below(right));
+    for name in files_below(left) {
+        assert!(fs::read(left.join(&name)).unwrap() == fs::read(right.join(&name)).unwrap(), "{} differs", name.display());
+    }
+}
+
+#[test]
+fn a_run_in_virtual_time_that_died_anywhere_ends_with_the_same_files() {
+    let files = Files::short(3);
+    let whole = files.path("whole");
+    files.run("whole").expect_code(0);
+    let lines = fs::read_to_string(whole.join("journal.jsonl")).unwrap().lines().count();
+    for (index, drill) in ["journal:3".to_owned(), "journal:24".to_owned(), "exchange:400".to_owned(), format!("journal:{}", 2 * lines - 1)]
+        .into_iter()
+        .enumerate()
+    {
+        let run = files.path(&format!("died{index}"));
+        die(&files, &run, &drill);
+        // A line that was being written.
+        let mut journal = fs::read(run.join("journal.jsonl")).unwrap();
+        journal.extend(b"{\"number\":99");
+        fs::write(run.join("journal.jsonl"), journal).unwrap();
+        let ended = resume(&run, &[]);
+        ended.expect_code(0);
+        assert!(ended.stdout.contains(&format!("run folder: {}\n", run.display())), "{}", ended.stdout);
+        assert_same_files(&run, &whole);
+        assert!(!files.path(&format!("died{index}.again")).exists());
+    }
+    let ended = resume(&whole, &[]);
+    ended.expect_code(2);
+    assert!(ended.message().ends_with("expected a run that was interrupted, found one that is finished"), "{}", ended.message());
+}
+
+#[test]
+fn a_folder_that_is_not_what_it_was_is_refused_and_says_what_differs() {
+    let files = Files::short(3);
+    let run = files.path("died");
+    die(&files, &run, "journal:40");
+    let refused = |name: &str, from: &str, to: &str, expected: &str| {
+        let path = run.join(name);
+        let text = fs::read_to_string(&path).unwrap();
+        assert!(text.contains(from), "{name}: {from}");
+        fs::write(&path, text.replacen(from, to, 1)).unwrap();
+        let ended = resume(&run, &[]);
+        ended.expect_code(2);
+        assert!(ended.message().contains(expected), "{}", ended.message());
+        fs::write(&path, text).unwrap();
+    };
+    refused("config/experiments_demo.toml", "1 A", "2 A", "experiments_demo.toml: expected the file that the run began with (SHA-256 ");
+    refused("journal.jsonl", "\"stage\":0", "\"stage\":1", "journal.jsonl:3: expected a line with the checksum ");
+    refused("events.csv", "mount shunt", "mount short", "events.csv: expected the run played again from its seed to give the same");
+    fs::remove_file(run.join("journal.jsonl")).unwrap();
+    assert!(resume(&run, &[]).expect_code(2).message().contains("journal.jsonl: cannot be read: "));
+}
+
+#[test]
+fn a_drill_is_for_simulated_benches_only() {
+    let files = Files::short(3).without(BENCH, "simulation");
+    let experiment = files.experiment();
+    let out = files.path("run");
+    let mut command = command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), out.as_os_str()]);
+    let output = command.env("EIS_BENCH_DRILL", "journal:1").output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(text.contains("EIS_BENCH_DRILL: expected a bench with a section [simulation]"), "{text}");
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_stops_the_run_in_safe_state_and_nothing_finished_is_lost() {
+    let files = Files::short(4);
+    let ports = Ports::serve(&files, 20.0, 1);
+    let run = files.path("blocked");
+    // The captures of the cell have no place to go to: a file is where their folder would be.
+    fs::create_dir_all(&run).unwrap();
+    let child = std::thread::scope(|scope| {
+        let ended = scope.spawn(|| files.run("blocked"));
+        crate::support::poll("the shunt's first point", || run.join("raw_shunt.csv").exists().then_some(()));
+        fs::write(run.join("captures/cell"), "").unwrap();
+        ended.join().unwrap()
+    });
+    child.expect_code(1);
+    assert!(child.message().contains("captures/cell: cannot be made: "), "{}", child.message());
+    ports.assert_outputs_off();
+    let kept = fs::read(run.join("raw_fake_cell.csv")).unwrap();
+    let status = json(&run.join("manifest.json"))["status"].clone();
+    assert!(status.as_str().unwrap().starts_with("ended early: "), "{status}");
+
+    fs::remove_file(run.join("captures/cell")).unwrap();
+    resume(&run, &[]).expect_code(0);
+    assert_eq!(fs::read(run.join("raw_fake_cell.csv")).unwrap(), kept);
+    assert_eq!(analysis::dataset::read_spectrum_csv(&run.join("spectrum.csv")).unwrap().len(), 4);
+    ports.assert_outputs_off();
+    assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+}
+
+/// A trace alone, on sockets: its journal is started, safe, stage, then two lines for each step.
+const TRACE: &str = r#"
+[[traces]]
+name = "pulse"
+rest_first = "2 s"
+start_voltage = ["3.7 V", "3.9 V"]
+resistance_max = "30 mΩ"
+segments = [{ current = "-3 A", duration = "4 s" }, { current = "0 A", duration = "4 s" }]
+"#;
+
+fn traced() -> Files {
+    Files::short(2).without(EXPERIMENT, "fixture_check").without(EXPERIMENT, "eis").append(EXPERIMENT, TRACE)
+}
+
+#[test]
+fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
+    let files = traced();
+    let ports = Ports::serve(&files, 4.0, 1);
+    let run = files.path("run");
+    let experiment = files.experiment();
+    let arguments = ["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()];
+    let mut child = crate::support::Running(command(&arguments).spawn().unwrap());
+    let drawn = || ports.world.lock().unwrap().truth_current_a() < -2.0;
+    crate::support::poll("the pulse", || drawn().then_some(()));
+    child.0.kill().unwrap();
+    child.0.wait().unwrap();
+    let refused = resume(&run, &[]);
+    refused.expect_code(2);
+    assert!(refused.message().contains("stage 1, step 4 (trace pulse, repeat 1: "), "{}", refused.message());
+    assert!(refused.message().contains("go on with --accept-charge"), "{}", refused.message());
+    resume(&run, &["--accept-charge"]).expect_code(0);
+    let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap();
+    assert!(journal.contains("\"role\":\"supply4q\",\"off\":false"), "the output that was left on was seen before it was switched off");
+    assert_eq!(journal.matches("\"text\":\"trace pulse").count(), 2);
+    assert_eq!(json(&run.join("traces.json"))["traces"].as_array().unwrap().len(), 1);
+    ports.assert_outputs_off();
+}
+
+#[test]
+fn a_trace_that_is_in_the_index_is_done_whatever_the_journal_says() {
+    let files = traced();
+    let ports = Ports::serve(&files, 4.0, 1);
+    let run = files.path("run");
+    // Before the eleventh line: the trace is done.
+    die(&files, &run, "journal:21");
+    let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap();
+    assert!(journal.lines().last().unwrap().contains("\"text\":\"trace pulse"), "{journal}");
+    let file = run.join("series_pulse_1.bdf.csv");
+    let kept = fs::read(&file).unwrap();
+    resume(&run, &[]).expect_code(0);
+    let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap();
+    assert_eq!(journal.matches("\"text\":\"trace pulse").count(), 1, "it is not played a second time");
+    assert!(fs::read(&file).unwrap() == kept);
+    ports.assert_outputs_off();
+}

@@ -1,0 +1,187 @@
+//! Each interlock alone saves the cell: a fault of the simulated bench that no other interlock sees ends in a trip, and the cell's own witness tells of
+//! no harm. With that one interlock widened, or blind, the same fault harms the cell.
+
+use bench_daemon::command::run::Session;
+use fixtures::{Witness, witness::AbuseKind};
+
+use crate::support::{CELL, EXPERIMENT, Files, SCENARIO};
+
+/// Slow sinusoids of 1 A through the cell, some four minutes each.
+fn sweep(points: usize) -> Files {
+    Files::demo()
+        .without(EXPERIMENT, "temperature")
+        .without(EXPERIMENT, "soc_reset")
+        .without(EXPERIMENT, "fixture_check")
+        .edit(EXPERIMENT, "start = \"0.1 Hz\"", "start = \"0.05 Hz\"")
+        .edit(EXPERIMENT, "stop = \"300 Hz\"", "stop = \"0.1 Hz\"")
+        .edit(EXPERIMENT, "points = 20", &format!("points = {points}"))
+        .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
+}
+
+/// The reset of the state of charge, then two fast points.
+fn reset() -> Files {
+    Files::brief(2).without(EXPERIMENT, "fixture_check")
+}
+
+/// How a run ended, and what the cell says of it.
+fn lived(files: &Files) -> (String, Witness) {
+    let experiment = files.load();
+    let mut session = Session::new(&experiment.bench).unwrap();
+    let ended = session.run(&experiment, &files.path("run")).err().map_or_else(|| "finished".to_owned(), |failure| failure.to_string());
+    let witness = session.simulation().unwrap().world().lock().unwrap().witness();
+    (ended, witness)
+}
+
+struct Case {
+    files: fn() -> Files,
+    /// What breaks: the table `[faults]` and whatever else is true of the bench.
+    faults: &'static str,
+    /// Changes of `[interlock]` in both runs.
+    common: &'static [(&'static str, &'static str)],
+    /// Changes that leave the interlock as it is, and those that take it away: the file, what is replaced, what by.
+    with: &'static [(&'static str, &'static str, &'static str)],
+    without: &'static [(&'static str, &'static str, &'static str)],
+    trip: &'static str,
+    harm: AbuseKind,
+}
+
+impl Case {
+    fn run(&self, changes: &[(&str, &str, &str)]) -> (String, Witness) {
+        let files = (self.files)().append(SCENARIO, self.faults);
+        let files = self.common.iter().fold(files, |files, (from, to)| files.edit(CELL, from, to));
+        lived(&changes.iter().fold(files, |files, (file, from, to)| files.edit(file, from, to)))
+    }
+
+    fn prove(&self) {
+        let (ended, witness) = self.run(self.with);
+        assert!(ended.starts_with(&format!("interlock: {}", self.trip)), "expected {:?}: {ended}", self.trip);
+        assert_eq!(witness.abuse, [], "{ended}: {witness:?}");
+        let (ended, witness) = self.run(self.without);
+        assert!(witness.abuse.iter().any(|abuse| abuse.kind == self.harm), "{}: {ended}: {witness:?}", self.trip);
+    }
+}
+
+const NEARLY_FULL: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.95");
+const WEAK: (&str, &str, &str) = (SCENARIO, "[cell]", "[cell]\ngreatest_charge_a = 5.0");
+
+#[test]
+fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_charges() {
+    let case = Case {
+        files: || sweep(20),
+        faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.6 }",
+        common: &[("charge_drift_max = \"2 %\"", "charge_drift_max = \"1000 %\"")],
+        with: &[NEARLY_FULL, (CELL, "voltage_max = \"4.2 V\"", "voltage_max = \"4.15 V\"")],
+        without: &[NEARLY_FULL, (CELL, "voltage_max = \"4.2 V\"", "voltage_max = \"4.9 V\"")],
+        trip: "cell voltage 4.15",
+        harm: AbuseKind::OverVoltage,
+    };
+    case.prove();
+}
+
+#[test]
+fn only_the_charge_balance_saves_a_cell_whose_voltmeter_has_stopped() {
+    let case = Case {
+        files: || sweep(20),
+        faults: "[faults]\nvoltmeter_freezes_s = 55.0\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.6 }",
+        common: &[("frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\"")],
+        with: &[NEARLY_FULL],
+        without: &[NEARLY_FULL, (CELL, "charge_drift_max = \"2 %\"", "charge_drift_max = \"1000 %\"")],
+        trip: "net charge of the step 3",
+        harm: AbuseKind::OverVoltage,
+    };
+    case.prove();
+}
+
+#[test]
+fn only_the_look_at_frozen_values_saves_a_cell_that_is_discharged_by_a_blind_load() {
+    let case = Case {
+        files: reset,
+        faults: "[faults]\nvoltmeter_freezes_s = 60.0",
+        common: &[],
+        with: &[],
+        without: &[(CELL, "frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\"")],
+        trip: "charge while the cell voltage stood still 32",
+        harm: AbuseKind::UnderVoltage,
+    };
+    case.prove();
+}
+
+#[test]
+fn only_the_current_limit_saves_a_cell_from_a_supply_that_runs_away() {
+    let case = Case {
+        files: || sweep(2),
+        faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 12.0 }",
+        common: &[],
+        with: &[WEAK],
+        // Nobody sees the current.
+        without: &[WEAK, (SCENARIO, "[faults]", "[faults]\nammeter_freezes_s = 55.0")],
+        trip: "cell current 2.",
+        harm: AbuseKind::OverCharge,
+    };
+    case.prove();
+}
+
+#[test]
+fn only_the_temperature_limit_saves_a_cell_that_grows_warm_slowly() {
+    let case = Case {
+        files: || sweep(6),
+        faults: "[thermal]\nblock_k_per_w = 50.0\n[faults]\nheater = { from_s = 60.0, watts = 5.0 }",
+        common: &[],
+        with: &[(CELL, "temperature_max = \"60 °C\"", "temperature_max = \"45 °C\"")],
+        without: &[(CELL, "temperature_max = \"60 °C\"", "temperature_max = \"200 °C\"")],
+        trip: "cell temperature 45.",
+        harm: AbuseKind::OverTemperature,
+    };
+    case.prove();
+}
+
+#[test]
+fn only_the_rate_of_the_temperature_saves_a_cell_whose_thermometer_has_come_off() {
+    let case = Case {
+        files: || sweep(6),
+        faults: "[thermal]\nblock_k_per_w = 50.0\n[faults]\nheater = { from_s = 60.0, watts = 10.0 }\nthermometer_ceiling_c = 45.0",
+        common: &[],
+        with: &[],
+        without: &[(CELL, "\"5 K/min\"", "\"600 K/min\"")],
+        trip: "rate of the cell temperature ",
+        harm: AbuseKind::OverTemperature,
+    };
+    case.prove();
+}
+
+#[test]
+fn only_the_age_of_the_readings_saves_a_cell_whose_instruments_become_slow() {
+    let case = Case {
+        files: || sweep(2),
+        faults: "[faults]\nslow_answers = { from_s = 60.0, late_s = 1.9 }\nbipolar_drifts = { from_s = 100.0, a_per_s = 1.0, greatest_a = 12.0 }",
+        common: &[],
+        with: &[WEAK, (CELL, "\"15 s\"", "\"3 s\"")],
+        without: &[WEAK],
+        trip: "time without a reading ",
+        harm: AbuseKind::OverCharge,
+    };
+    case.prove();
+}
+
+#[test]
+fn only_the_chillers_own_word_saves_a_cell_that_is_no_longer_cooled() {
+    let tempered = || {
+        Files::demo()
+            .without(EXPERIMENT, "fixture_check")
+            .edit(EXPERIMENT, "discharge_current = \"5 A\"", "discharge_current = \"10 A\"")
+            .edit(EXPERIMENT, "discharge_until = \"3.52 V\"", "discharge_until = \"3.00 V\"")
+            .edit(EXPERIMENT, "start = \"0.1 Hz\"", "start = \"100 Hz\"")
+            .edit(EXPERIMENT, "points = 20", "points = 2")
+            .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
+    };
+    let case = Case {
+        files: tempered,
+        faults: "[faults]\nthermometer_ceiling_c = 29.0\nchiller_stops = { from_s = 700.0, block_k_per_w = 50.0 }",
+        common: &[("frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\"")],
+        with: &[(SCENARIO, "[cell]", "[cell]\ngreatest_c = 30.0")],
+        without: &[(SCENARIO, "[cell]", "[cell]\ngreatest_c = 30.0"), (SCENARIO, "50.0 }", "50.0, silent = true }")],
+        trip: "chiller: expected it to run without an alarm, found `-01 LOW LEVEL ALARM`",
+        harm: AbuseKind::OverTemperature,
+    };
+    case.prove();
+}

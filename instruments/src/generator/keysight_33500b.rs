@@ -1,0 +1,97 @@
+//! Keysight (Agilent) 33500B: a command tree for each channel, an error queue that tells what was adjusted, an output load that changes every volt.
+
+use super::{Capabilities, Dialect, Sine};
+use crate::{
+    exchange::{Exchange, Expect, Identity},
+    instrument::{Model, ms},
+    link::LinkProfile,
+    units::{Hertz, Volts},
+};
+
+/// Keysight 33500B.
+pub(super) const B33500: Keysight = Keysight;
+
+/// The least sine into an open circuit: 2 mV peak to peak.
+const MIN_AMPLITUDE: Volts = Volts(1.0e-3);
+/// Its frequency while nothing is driven.
+const QUIET_FREQ: Hertz = Hertz(1000.0);
+/// Relative rounding of a frequency that is read back.
+const FREQ_DIGITS: f64 = 1.0e-6;
+/// Amplitudes have four digits; wider, and the least amplitude would pass for half of it.
+const AMPLITUDE_STEP_V: f64 = 2.5e-4;
+/// A millivolt, 2 mA of a supply of ±20 A.
+const OFFSET_TOLERANCE_V: f64 = 1.0e-3;
+
+pub(super) struct Keysight;
+
+impl Model for Keysight {
+    fn key(&self) -> &'static str {
+        "keysight-33500b"
+    }
+
+    fn profile(&self) -> LinkProfile {
+        LinkProfile { min_gap: ms(2), ..LinkProfile::scpi() }
+    }
+
+    fn recognises(&self, identity: &Identity) -> bool {
+        let maker = identity.maker.to_ascii_lowercase();
+        // 33509B to 33522B, and the 33600A with the same tree.
+        let model = identity.model.starts_with("335") || identity.model.starts_with("336");
+        (maker.starts_with("keysight") || maker.starts_with("agilent")) && model && identity.model.len() >= 6
+    }
+}
+
+fn number(message: String, header: &str, value: f64, tolerance: f64) -> Exchange {
+    if value.is_finite() {
+        return Exchange::number(message, format!("{header}?"), value, tolerance);
+    }
+    Exchange::Refuse { message: header.to_owned(), reason: format!("expected a finite number to send, found {value}") }
+}
+
+impl Dialect for Keysight {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities {
+            freq_range: (Hertz(1.0e-6), Hertz(20.0e6)),
+            min_amplitude: MIN_AMPLITUDE,
+            max_peak: Volts(10.0),
+            freq_step: Hertz(1.0e-6),
+        }
+    }
+
+    fn output(&self, channel: u8, on: bool) -> Vec<Exchange> {
+        let switch = Exchange::switch(&format!("OUTP{channel}"), on);
+        // With 50 Ω set, an open analog input would see twice the volts that were asked for; inverted, it would charge instead of discharge.
+        let load = Exchange::Set {
+            message: format!("OUTP{channel}:LOAD INF"),
+            read_back: format!("OUTP{channel}:LOAD?"),
+            // An open circuit is answered as 9.9E+37 Ω.
+            expect: Expect::Contains("E+37".to_owned()),
+        };
+        let polarity = Exchange::word(format!("OUTP{channel}:POL NORM"), format!("OUTP{channel}:POL?"), &["NORM", "NORMAL"]);
+        if on { vec![load, polarity, switch] } else { vec![switch, load] }
+    }
+
+    fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange> {
+        let source = format!("SOUR{channel}");
+        let (freq_hz, peak_to_peak_v, offset_v) = (sine.freq.value(), 2.0 * sine.amplitude.value(), sine.offset.value());
+        vec![
+            Exchange::word(format!("{source}:VOLT:UNIT VPP"), format!("{source}:VOLT:UNIT?"), &["VPP"]),
+            Exchange::word(format!("{source}:FUNC SIN"), format!("{source}:FUNC?"), &["SIN", "SINUSOID"]),
+            number(format!("{source}:FREQ {freq_hz:.6}"), &format!("{source}:FREQ"), freq_hz, FREQ_DIGITS * freq_hz + 1.0e-6),
+            number(
+                format!("{source}:VOLT {peak_to_peak_v:.4}"),
+                &format!("{source}:VOLT"),
+                peak_to_peak_v,
+                1.0e-3 * peak_to_peak_v.abs() + AMPLITUDE_STEP_V,
+            ),
+            number(format!("{source}:VOLT:OFFS {offset_v:.4}"), &format!("{source}:VOLT:OFFS"), offset_v, OFFSET_TOLERANCE_V),
+        ]
+    }
+
+    fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
+        let mut script = self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset });
+        let modifiers = ["BURS", "SWE", "AM", "FM"];
+        script.extend(modifiers.map(|modifier| Exchange::switch(&format!("SOUR{channel}:{modifier}:STAT"), false)));
+        script
+    }
+}

@@ -1,0 +1,67 @@
+//! Rigol DL3021/DL3031: the function is set as `CURR` and answered as `CC`; some firmware ends an answer with two line ends.
+
+use super::{Capabilities, Dialect, Discharge};
+use crate::{
+    exchange::{Exchange, Identity},
+    instrument::{Model, ms},
+    link::LinkProfile,
+    units::Amps,
+};
+
+/// Rigol DL3021(A); the DL3031(A) is used as far as the smaller one reaches.
+pub(super) const DL3000: Dl3000 = Dl3000;
+
+pub(super) struct Dl3000;
+
+impl Model for Dl3000 {
+    fn key(&self) -> &'static str {
+        "rigol-dl3000"
+    }
+
+    fn profile(&self) -> LinkProfile {
+        LinkProfile { min_gap: ms(10), ..LinkProfile::scpi() }
+    }
+
+    fn recognises(&self, identity: &Identity) -> bool {
+        identity.maker.to_ascii_uppercase().starts_with("RIGOL") && identity.model.starts_with("DL30")
+    }
+}
+
+/// The finest range for a cell's voltage, and the sense leads.
+fn voltmeter() -> [Exchange; 2] {
+    [Exchange::number(":SOUR:VOLT:RANG 15", ":SOUR:VOLT:RANG?", 15.0, 0.1), Exchange::switch(":SOUR:SENS", true)]
+}
+
+impl Dialect for Dl3000 {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { max_current: Amps(40.0), max_power_w: 200.0 }
+    }
+
+    fn input(&self, on: bool) -> Vec<Exchange> {
+        vec![Exchange::switch(":SOUR:INP:STAT", on)]
+    }
+
+    fn prepare(&self, discharge: &Discharge) -> Vec<Exchange> {
+        let current = discharge.current.value();
+        let (range, range_value) = if current <= 4.0 { ("4", 4.0) } else { ("40", 40.0) };
+        let [volts, sense] = voltmeter();
+        vec![
+            Exchange::word(":SOUR:FUNC:MODE FIX", ":SOUR:FUNC:MODE?", &["FIX", "FIXED"]),
+            Exchange::word(":SOUR:FUNC CURR", ":SOUR:FUNC?", &["CC"]),
+            Exchange::number(format!(":SOUR:CURR:RANG {range}"), ":SOUR:CURR:RANG?", range_value, 0.1),
+            volts,
+            sense,
+            Exchange::fixed(":SOUR:CURR:LEV:IMM", current, (4, 2.0e-3)),
+            // It sinks nothing below this voltage: a second guard beside the daemon.
+            Exchange::fixed(":SOUR:CURR:VON", discharge.stop_below.value(), (3, 5.0e-3)),
+        ]
+    }
+
+    fn watch(&self) -> Vec<Exchange> {
+        voltmeter().into()
+    }
+
+    fn measure(&self) -> [&'static str; 2] {
+        [":MEAS:VOLT?", ":MEAS:CURR?"]
+    }
+}

@@ -1,0 +1,209 @@
+//! When a simulated oscilloscope takes a frame: armed, triggered, stopped. What the models have in common.
+//!
+//! Nothing happens between two messages. What the instrument would have done meanwhile is found out when the next message comes: the frame of a
+//! running acquisition is the newest one that lies wholly between its start and now.
+
+use super::{
+    plant::{HISTORY_S, TriggerSearch},
+    world::World,
+};
+
+/// How often the search for the first trigger of a single acquisition goes back.
+const MAX_STEPS_BACK: usize = 256;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Mode {
+    Auto,
+    Normal,
+    Single,
+}
+
+/// What a panel says about time and trigger.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct View {
+    /// From the trigger to the first sample, s; usually negative.
+    pub(super) start_after_trigger_s: f64,
+    /// Length of a frame, s.
+    pub(super) span_s: f64,
+    /// What triggers; nothing where no channel does.
+    pub(super) trigger: Option<Edge>,
+}
+
+/// An edge that triggers.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Edge {
+    /// Scope channel 1…4.
+    pub(super) channel: u8,
+    /// Level at the probe tip, V.
+    pub(super) level_v: f64,
+    pub(super) rising: bool,
+    pub(super) falling: bool,
+}
+
+/// State of the acquisition; `P` is everything that decides how a frame is taken.
+#[derive(Debug, Clone)]
+pub(super) struct Acquisition<P> {
+    pub(super) mode: Mode,
+    pub(super) running: bool,
+    /// Since when it runs with these settings, s.
+    pub(super) since_s: f64,
+    /// Up to when triggers have been looked for, s.
+    searched_s: f64,
+    /// When it was forced to trigger.
+    forced_s: Option<f64>,
+    /// The newest frame.
+    pub(super) frame: Option<Frame<P>>,
+    /// Frames so far: their number.
+    count: u64,
+    /// Number of the frame that was told of.
+    reported: u64,
+}
+
+/// One capture: when, and with which settings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Frame<P> {
+    /// Bench time of the first sample, s.
+    pub(super) start_s: f64,
+    pub(super) panel: P,
+    pub(super) number: u64,
+}
+
+impl<P: Copy> Acquisition<P> {
+    pub(super) fn power_on() -> Self {
+        Self { mode: Mode::Auto, running: true, since_s: 0.0, searched_s: 0.0, forced_s: None, frame: None, count: 0, reported: 0 }
+    }
+
+    /// As after power-on, but numbers go on: no two frames of one run share the noise.
+    pub(super) fn reset(&mut self, now_s: f64) {
+        *self = Self { count: self.count, reported: self.count, ..Self::power_on() };
+        self.restart(now_s);
+    }
+
+    /// Starts a running acquisition anew; leaves a stopped one and its frame alone.
+    pub(super) fn restart(&mut self, now_s: f64) {
+        if self.running {
+            self.since_s = now_s;
+            self.searched_s = now_s;
+            self.forced_s = None;
+            self.frame = None;
+        }
+    }
+
+    pub(super) fn run(&mut self, now_s: f64) {
+        self.running = true;
+        self.restart(now_s);
+    }
+
+    pub(super) fn stop(&mut self) {
+        self.running = false;
+    }
+
+    pub(super) fn set_mode(&mut self, mode: Mode, now_s: f64) {
+        self.mode = mode;
+        // Single arms at once; the other modes take effect when it runs.
+        if mode == Mode::Single {
+            self.running = true;
+        }
+        self.restart(now_s);
+    }
+
+    pub(super) fn force_trigger(&mut self, now_s: f64) {
+        if self.running {
+            self.forced_s = Some(now_s);
+        }
+    }
+
+    /// Whether there is a frame that this has not told of before.
+    pub(super) fn take_new(&mut self) -> bool {
+        let number = self.frame.as_ref().map_or(self.reported, |frame| frame.number);
+        std::mem::replace(&mut self.reported, number) != number
+    }
+
+    /// The newest frame, unless it is so old that the world has forgotten it, which an instrument would not: treated as none rather than made up.
+    pub(super) fn remembered(&self, now_s: f64) -> Option<Frame<P>> {
+        self.frame.filter(|frame| now_s - frame.start_s <= HISTORY_S)
+    }
+
+    /// Catches up with what has happened since the last message.
+    pub(super) fn refresh(&mut self, world: &World, panel: P, view: &View) {
+        if !self.running {
+            return;
+        }
+        // The trigger itself is looked for only once the acquisition runs, even when the screen begins later.
+        let from_s = self.since_s + (-view.start_after_trigger_s).max(0.0);
+        let to_s = (world.now_s - view.start_after_trigger_s - view.span_s).min(world.now_s);
+        if to_s < from_s {
+            return;
+        }
+        let found = self.search_trigger(world, view, (from_s, to_s));
+        let forced = self.forced_s.take_if(|forced_s| (from_s..=to_s).contains(forced_s));
+        let trigger_s = match (found, forced) {
+            (Some(found), Some(forced)) => Some(found.max(forced)),
+            (found, forced) => found.or(forced),
+        };
+        match (trigger_s, self.mode) {
+            (Some(trigger_s), mode) => {
+                self.take(trigger_s + view.start_after_trigger_s, panel);
+                self.running = mode != Mode::Single;
+            }
+            (None, Mode::Auto) => self.take(world.now_s - view.span_s, panel),
+            (None, _) => {}
+        }
+    }
+
+    fn take(&mut self, start_s: f64, panel: P) {
+        if self.frame.as_ref().is_none_or(|frame| frame.start_s.to_bits() != start_s.to_bits()) {
+            self.count += 1;
+            self.frame = Some(Frame { start_s, panel, number: self.count });
+        }
+    }
+
+    /// The trigger that makes the next frame, if there was one since the last search.
+    fn search_trigger(&mut self, world: &World, view: &View, (from_s, to_s): (f64, f64)) -> Option<f64> {
+        let remembered_s = world.now_s - HISTORY_S - view.start_after_trigger_s;
+        let from_s = from_s.max(self.searched_s).max(remembered_s);
+        if to_s < from_s {
+            return None;
+        }
+        let found = match self.mode {
+            Mode::Single => first_trigger(world, view, (from_s, to_s)),
+            Mode::Normal | Mode::Auto => newest_trigger(world, view, (from_s, to_s)),
+        };
+        self.searched_s = to_s;
+        found
+    }
+}
+
+fn newest_trigger(world: &World, view: &View, (from_s, to_s): (f64, f64)) -> Option<f64> {
+    let edge = view.trigger?;
+    let find = |rising| {
+        let search = TriggerSearch { channel: edge.channel, level_v: edge.level_v, rising, from_s, to_s };
+        world.plant().find_trigger(world.now_s, &search)
+    };
+    let rising = if edge.rising { find(true) } else { None };
+    let falling = if edge.falling { find(false) } else { None };
+    [rising, falling].into_iter().flatten().max_by(f64::total_cmp)
+}
+
+/// The first trigger of a span: widens the search until there is one, then goes back from it as long as there are earlier ones.
+fn first_trigger(world: &World, view: &View, (from_s, to_s): (f64, f64)) -> Option<f64> {
+    let mut width_s = view.span_s;
+    let mut first_s = loop {
+        let end_s = (from_s + width_s).min(to_s);
+        if let Some(found_s) = newest_trigger(world, view, (from_s, end_s)) {
+            break found_s;
+        }
+        if end_s >= to_s {
+            return None;
+        }
+        width_s *= 4.0;
+    };
+    for _ in 0..MAX_STEPS_BACK {
+        // A little earlier than the one just found, so as not to find it again.
+        let end_s = first_s - 1e-7 * view.span_s;
+        let earlier_s = if end_s > from_s { newest_trigger(world, view, (from_s, end_s)) } else { None };
+        let Some(earlier_s) = earlier_s else { break };
+        first_s = earlier_s;
+    }
+    Some(first_s)
+}

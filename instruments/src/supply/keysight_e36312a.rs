@@ -1,0 +1,75 @@
+//! Keysight E36312A: channel lists, an error queue, over-voltage and over-current protection. Channel 1 (6 V, 5 A) carries the cell.
+
+use super::{Capabilities, Charge, Dialect};
+use crate::{
+    exchange::{Exchange, Identity},
+    instrument::{Model, ms},
+    link::LinkProfile,
+    units::{Amps, Volts},
+};
+
+/// Keysight E36312A and its sisters with the same first channel.
+pub(super) const E36312A: Keysight = Keysight;
+
+/// The channel that is wired to the cell.
+const CHANNEL: u32 = 1;
+/// So far above the limit of the charge the instrument switches itself off, V: beyond its overshoot, below what harms a cell at once.
+const OVER_VOLTAGE_V: f64 = 0.2;
+/// Rounding of what is read back, V and A.
+const READ_BACK: f64 = 2.0e-3;
+
+pub(super) struct Keysight;
+
+impl Model for Keysight {
+    fn key(&self) -> &'static str {
+        "keysight-e36312a"
+    }
+
+    fn profile(&self) -> LinkProfile {
+        LinkProfile { min_gap: ms(2), ..LinkProfile::scpi() }
+    }
+
+    fn recognises(&self, identity: &Identity) -> bool {
+        let maker = identity.maker.to_ascii_lowercase();
+        (maker.starts_with("keysight") || maker.starts_with("agilent")) && identity.model.starts_with("E36312A")
+    }
+}
+
+/// `HEADER value,(@1)`, read back by `HEADER? (@1)`.
+fn number(header: &str, value: f64) -> Exchange {
+    match Exchange::command(header, |command| command.fixed(value, 3).channels(&[CHANNEL])) {
+        Exchange::Send(message) => Exchange::number(message, format!("{header}? (@{CHANNEL})"), value, READ_BACK),
+        refused => refused,
+    }
+}
+
+/// `HEADER word,(@1)`, read back by `HEADER? (@1)` as one of `words`.
+fn word(header: &str, word: &str, words: &'static [&'static str]) -> Exchange {
+    Exchange::word(format!("{header} {word},(@{CHANNEL})"), format!("{header}? (@{CHANNEL})"), words)
+}
+
+impl Dialect for Keysight {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { max_current: Amps(5.0), max_voltage: Volts(6.0) }
+    }
+
+    fn output(&self, on: bool) -> Vec<Exchange> {
+        vec![if on { word("OUTP", "ON", &["1", "ON"]) } else { word("OUTP", "OFF", &["0", "OFF"]) }]
+    }
+
+    fn prepare(&self, charge: &Charge) -> Vec<Exchange> {
+        vec![
+            // Sense leads that were chosen once and are not there would let the terminals rise.
+            word("VOLT:SENS:SOUR", "INT", &["INT", "INTernal"]),
+            // A charge runs at its current limit: a protection that takes that for a fault must not be armed.
+            word("CURR:PROT:STAT", "OFF", &["0", "OFF"]),
+            number("VOLT", charge.voltage.value()),
+            number("CURR", charge.current.value()),
+            number("VOLT:PROT", charge.voltage.value() + OVER_VOLTAGE_V),
+        ]
+    }
+
+    fn measure(&self) -> [&'static str; 2] {
+        ["MEAS:VOLT? (@1)", "MEAS:CURR? (@1)"]
+    }
+}

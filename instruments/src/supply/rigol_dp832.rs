@@ -1,0 +1,68 @@
+//! Rigol DP832(A): the channel is named in every command, switches answer `ON` and `OFF`. Channel 1 (30 V, 3 A) carries the cell.
+
+use super::{Capabilities, Charge, Dialect};
+use crate::{
+    exchange::{Exchange, Identity},
+    instrument::{Model, ms},
+    link::LinkProfile,
+    units::{Amps, Volts},
+};
+
+/// Rigol DP832 and DP832A.
+pub(super) const DP832: Dp832 = Dp832;
+
+/// So far above the limit of the charge the instrument switches itself off, V.
+const OVER_VOLTAGE_V: f64 = 0.2;
+/// Rounding of what is read back, V and A.
+const READ_BACK: f64 = 2.0e-3;
+
+pub(super) struct Dp832;
+
+impl Model for Dp832 {
+    fn key(&self) -> &'static str {
+        "rigol-dp832"
+    }
+
+    fn profile(&self) -> LinkProfile {
+        LinkProfile { min_gap: ms(20), ..LinkProfile::scpi() }
+    }
+
+    fn recognises(&self, identity: &Identity) -> bool {
+        identity.maker.to_ascii_uppercase().starts_with("RIGOL") && identity.model.starts_with("DP832")
+    }
+}
+
+fn switch(header: &str, on: bool) -> Exchange {
+    let (state, words): (_, &[&str]) = if on { ("ON", &["ON", "1"]) } else { ("OFF", &["OFF", "0"]) };
+    Exchange::word(format!("{header} CH1,{state}"), format!("{header}? CH1"), words)
+}
+
+impl Dialect for Dp832 {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { max_current: Amps(3.0), max_voltage: Volts(30.0) }
+    }
+
+    fn output(&self, on: bool) -> Vec<Exchange> {
+        vec![switch(":OUTP", on)]
+    }
+
+    fn prepare(&self, charge: &Charge) -> Vec<Exchange> {
+        let protection = charge.voltage.value() + OVER_VOLTAGE_V;
+        let level = Exchange::command(":OUTP:OVP:VAL", |command| command.word("CH1").fixed(protection, 3));
+        vec![
+            // A charge runs at its current limit: a protection that takes that for a fault must not be armed.
+            switch(":OUTP:OCP", false),
+            Exchange::fixed(":SOUR1:VOLT", charge.voltage.value(), (3, READ_BACK)),
+            Exchange::fixed(":SOUR1:CURR", charge.current.value(), (3, READ_BACK)),
+            match level {
+                Exchange::Send(message) => Exchange::number(message, ":OUTP:OVP:VAL? CH1", protection, READ_BACK),
+                refused => refused,
+            },
+            switch(":OUTP:OVP", true),
+        ]
+    }
+
+    fn measure(&self) -> [&'static str; 2] {
+        [":MEAS:VOLT? CH1", ":MEAS:CURR? CH1"]
+    }
+}

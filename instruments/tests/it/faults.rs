@@ -1,0 +1,109 @@
+//! Seeded faults between a link and a simulated instrument: what the link says is right, or it says that something went wrong.
+
+use std::sync::{Arc, Mutex};
+
+use instruments::{
+    clock::Clock,
+    link::{Link, LinkProfile},
+    mock::{
+        self, Fault, FaultLog, MockOptions, Schedule, make_troubled,
+        plant::{Action, BipolarState},
+    },
+    transcript::Tap,
+    transport::MemoryHub,
+};
+
+use crate::{device::open, drivers_common::in_virtual_time, mocks_plant::Recorder};
+
+const MODEL: &str = "kepco-bop-mg";
+
+async fn troubled(clock: &Clock, schedule: &Schedule) -> (Link, FaultLog, Arc<Mutex<Recorder>>) {
+    let (hub, log) = (MemoryHub::new(), FaultLog::default());
+    let plant = Arc::new(Mutex::new(Recorder::default()));
+    let device = make_troubled(MODEL, (plant.clone(), &MockOptions::default()), schedule, &log).unwrap();
+    mock::serve_memory(device, &hub, "device", clock.clone()).unwrap();
+    let link = open("memory:device", LinkProfile::scpi(), clock, &hub, Tap::none()).await.unwrap();
+    (link, log, plant)
+}
+
+/// Asks for two different numbers in turn, reconnecting whenever the link was dropped; gives the answers that were wrong and those that came.
+async fn converse(link: &mut Link, rounds: usize) -> (Vec<String>, usize) {
+    let (mut wrong, mut right) = (Vec::new(), 0);
+    for round in 0..rounds {
+        if link.is_dropped() && link.reconnect().await.is_err() {
+            continue;
+        }
+        let (query, expected) = [("MEAS:VOLT?", "3.75E0"), ("MEAS:CURR?", "-2.5E0")][round % 2];
+        match link.query(query).await {
+            Ok(answer) if answer == expected => right += 1,
+            Ok(answer) => wrong.push(answer),
+            Err(_) => {}
+        }
+    }
+    (wrong, right)
+}
+
+#[test]
+fn no_question_gets_the_answer_to_another_one_whatever_goes_wrong_on_the_wire() {
+    for fault in Fault::ALL {
+        let (mut happened, mut answered, mut wrong) = (0, 0, Vec::new());
+        for seed in 0..40 {
+            in_virtual_time(async |clock| {
+                let schedule = Schedule { seed, per_message: 0.15, most: 12, faults: vec![fault] };
+                let (mut link, log, _) = troubled(&clock, &schedule).await;
+                let (other, right) = converse(&mut link, 60).await;
+                wrong.extend(other);
+                answered += right;
+                happened += log.lock().unwrap().len();
+            });
+        }
+        assert!(happened > 150 && answered > 1000, "{fault:?}: {happened} faults, {answered} answers");
+        // A byte that is another one cannot be told from the right one; an answer of two cannot be, either.
+        if fault != Fault::Garble {
+            assert_eq!(wrong, [""; 0], "{fault:?}");
+        }
+    }
+}
+
+#[test]
+fn a_schedule_is_the_same_each_time_and_another_seed_is_another_one() {
+    let logs = [7, 7, 8].map(|seed| {
+        let mut told = Vec::new();
+        in_virtual_time(async |clock| {
+            let schedule = Schedule { seed, per_message: 0.2, most: 20, faults: Fault::ALL.to_vec() };
+            let (mut link, log, _) = troubled(&clock, &schedule).await;
+            converse(&mut link, 80).await;
+            told = log.lock().unwrap().iter().map(|happened| (happened.fault, happened.message.clone())).collect();
+        });
+        told
+    });
+    assert!(logs[0].len() > 5, "{logs:?}");
+    assert_eq!(logs[0], logs[1]);
+    assert_ne!(logs[0], logs[2]);
+}
+
+#[test]
+fn a_power_cut_and_a_hand_at_the_panel_switch_the_output_off() {
+    for fault in [Fault::PowerCycle, Fault::OutputOff] {
+        in_virtual_time(async |clock| {
+            let schedule = Schedule { seed: 1, per_message: 0.1, most: 1, faults: vec![fault] };
+            let (mut link, log, plant) = troubled(&clock, &schedule).await;
+            link.send("OUTP ON").await.unwrap();
+            for _ in 0..100 {
+                // The question that the power cut swallows fails.
+                let _ = link.query("CURR?").await;
+                if !log.lock().unwrap().is_empty() {
+                    break;
+                }
+            }
+            let states: Vec<bool> = plant
+                .lock()
+                .unwrap()
+                .actions
+                .iter()
+                .map(|(_, action)| matches!(action, Action::Bipolar(BipolarState { output_on: true, .. })))
+                .collect();
+            assert_eq!(states, [false, true, false], "{fault:?}");
+        });
+    }
+}
