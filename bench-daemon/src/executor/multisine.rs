@@ -90,7 +90,7 @@ impl Executor<'_> {
             self.watch("multisine", Fixture::Cell).await?;
         }
         self.check_frame(band.base_hz, &waveforms, band.span_s)?;
-        let waveforms: [Waveform; 4] = waveforms.try_into().map_err(|_| failed(band, "not four channels".to_owned()))?;
+        let waveforms: [Waveform; 4] = waveforms.try_into().map_err(|_| failed(band, "not four channels"))?;
         let label = format!("multisine {} repeat {} attempt {}", band.number, self.repeat, attempt + 1);
         let name = if attempt == 0 { format!("band{}", band.number) } else { format!("band{}_again{attempt}", band.number) };
         let capture = capture_of(label, band.base_hz, end_s - band.span_s, &waveforms);
@@ -109,8 +109,7 @@ impl Executor<'_> {
             waveform.codes.iter().map(|code| scale.volts(*code)).collect::<Vec<f64>>()
         });
         let excited = (band.base_hz, band.design.harmonics.as_slice());
-        let fit = analyse(volts.each_ref().map(Vec::as_slice), waveforms[0].interval_s, excited)
-            .map_err(|error| failed(band, error.to_string()))?;
+        let fit = analyse(volts.each_ref().map(Vec::as_slice), waveforms[0].interval_s, excited).map_err(|error| failed(band, error))?;
         let commanded_a = band.design.amplitude * band.peak_a;
         for phasors in &fit.excited {
             self.check_line(phasors, commanded_a)?;
@@ -150,6 +149,6 @@ impl Executor<'_> {
     }
 }
 
-fn failed(band: &Band, reason: String) -> ExecuteError {
+fn failed(band: &Band, reason: impl std::fmt::Display) -> ExecuteError {
     ExecuteError::Signal { freq_hz: band.base_hz, reason: format!("multisine {}: {reason}", band.number) }
 }

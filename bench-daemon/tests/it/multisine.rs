@@ -61,7 +61,6 @@ fn it_is_the_spectrum_of_the_single_sines_in_less_than_half_of_their_time() {
         assert!((a.freq_hz / b.freq_hz - 1.0).abs() < 1.0e-9);
         let both = a.covariance + b.covariance;
         let off = a.z_ohm - b.z_ohm;
-        println!("{:.3} Hz: {:.3e} of |Z|, {:.2} σ", a.freq_hz, off.norm() / a.z_ohm.norm(), off.norm() / (both.re_re + both.im_im).sqrt());
         squares += off.norm_sqr() / (both.re_re + both.im_im);
         assert!(off.norm() < 5.0e-3 * a.z_ohm.norm(), "{a:?} {b:?}");
     }
@@ -70,7 +69,6 @@ fn it_is_the_spectrum_of_the_single_sines_in_less_than_half_of_their_time() {
     let events = fs::read_to_string(files.path("run/events.csv")).unwrap();
     let at = |text: &str| -> f64 { events.lines().find(|line| line.contains(text)).unwrap().split(',').next().unwrap().parse().unwrap() };
     let sweep_s = at("\"multisine of the cell\"") - at("\"EIS sweep of the cell\"");
-    println!("{}\nsweep {sweep_s} s, multisine {} s", finished.summary, many.took_s);
     assert!(many.took_s < 0.45 * sweep_s, "multisine {} s, sweep {sweep_s} s", many.took_s);
     assert!(finished.summary.contains("no nonlinear distortion beyond the noise"), "{}", finished.summary);
 }
