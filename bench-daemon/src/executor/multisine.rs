@@ -28,7 +28,7 @@ const CURRENT_TOLERANCE: f64 = 0.2;
 impl Executor<'_> {
     /// Drives and records one band; a point per line, and what each line says of noise and distortion.
     pub(super) async fn multisine(&mut self, band: &Band) -> Result<Vec<SweepPoint>, ExecuteError> {
-        self.play(band).await?;
+        self.play_wave(band).await?;
         let scope = require(&mut self.bench.scope, "scope")?.capabilities();
         if self.verticals[0].is_none() {
             self.first_ranges(Fixture::Cell, band.peak_a, &scope).await?;
@@ -48,7 +48,7 @@ impl Executor<'_> {
         Err(failed(band, format!("a channel still clips after {MAX_RANGING} changes of range")))
     }
 
-    async fn play(&mut self, band: &Band) -> Result<(), ExecuteError> {
+    async fn play_wave(&mut self, band: &Band) -> Result<(), ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();

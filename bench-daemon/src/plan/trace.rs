@@ -149,7 +149,7 @@ pub(crate) fn test_trace() -> TracePlan {
         role: analysis::dataset::Role::Train,
         repeat_group: "t".to_owned(),
         rest_s: 0.0,
-        levels: vec![Level { at_s: 0.5, current_a: -1.0 }, Level { at_s: 5.5, current_a: 0.0 }],
+        levels: vec![Level { at_s: 0.5, current_a: -1.0, power_w: None }, Level { at_s: 5.5, current_a: 0.0, power_w: None }],
         frames: Vec::new(),
         start_v: (3.6, 3.8),
         resistance_max_ohm: 0.03,

@@ -54,12 +54,21 @@ pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::interlock::Limits;
+    use crate::interlock::{Limits, Settings};
 
     #[test]
     fn the_ends_lie_inside_the_limits_and_each_direction_has_its_pauses() {
         let limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
-        let cell = Cell { name: "c".to_owned(), capacity_c: 16_200.0, limits, series: 1, parallel: 1, ocv: None };
+        let interlock = Settings {
+            rate_k_per_s: 0.1,
+            window_s: 60.0,
+            charge_c: 20_000.0,
+            drift_c: 100.0,
+            reading_age_s: 10.0,
+            temperature_age_s: 60.0,
+            frozen_c: 10.0,
+        };
+        let cell = Cell { name: "c".to_owned(), capacity_c: 16_200.0, limits, interlock, series: 1, parallel: 1, ocv: None };
         let ocv = OcvSoc {
             charge_a: 1.0,
             charge_limit_v: 4.2,

@@ -27,9 +27,12 @@ const SAME_AMPLITUDE: f64 = 0.1;
 /// A fit that cannot be made; a file that cannot be written.
 pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Result<String, Failure> {
     let ocv = ocv::write(recorder, experiment)?;
-    let summary = |recorder: &Recorder, experiment: &Experiment, measured: &Measured, fits: (&[ErmFit], Option<&Budget>)| {
-        summary(recorder, experiment, measured, fits).replacen("\nrun folder:", &format!("{ocv}\nrun folder:"), 1)
-    };
+    let text = evaluate(recorder, experiment, measured)?;
+    Ok(text.replacen("\nrun folder:", &format!("{ocv}\nrun folder:"), 1))
+}
+
+/// What follows from the sweeps of the cell.
+fn evaluate(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Result<String, Failure> {
     if measured.spectrum.points.is_empty() {
         return Ok(summary(recorder, experiment, measured, (&[], None, None)));
     }
