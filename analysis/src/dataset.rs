@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 pub use capture::{CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, read_capture, write_capture};
 pub use disk::write_atomically;
-pub use index::{CurrentBetween, CurrentPositive, Role, RunIndex, SweepEntry, TraceEntry};
+pub use index::{CurrentBetween, CurrentPositive, FlaggedPoint, Role, RunIndex, SweepEntry, TraceEntry};
 
 use crate::spectrum::{Covariance2, ImpedancePoint};
 use num_complex::Complex64;
@@ -59,6 +59,30 @@ pub const TRACE_COLUMNS: &[ColumnSpec] = &[
     ColumnSpec { name: "Surface Temperature T1 / degC", unit: "°C", doc: "temperature of the cell's surface; NaN if not measured" },
     ColumnSpec { name: "Averaged Samples / 1", unit: "1", doc: "samples of the scope that current and voltage are the mean of" },
 ];
+
+/// Columns of a leg of direct current: those of BDF, and the charge.
+pub const LEG_COLUMNS: &[ColumnSpec] = &[
+    ColumnSpec { name: "Test Time / s", unit: "s", doc: "time since the start of the first leg" },
+    ColumnSpec { name: "Current / A", unit: "A", doc: "current into the cell, charge positive" },
+    ColumnSpec { name: "Voltage / V", unit: "V", doc: "voltage at the load's sense terminals" },
+    ColumnSpec { name: "Surface Temperature T1 / degC", unit: "°C", doc: "temperature of the cell's surface; NaN if not measured" },
+    ColumnSpec { name: "Charge / C", unit: "C", doc: "charge that has flowed into the cell since the start of the first leg" },
+];
+
+/// One reading of a leg of direct current or of rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LegRow {
+    /// Time since the start of the first leg, s.
+    pub time_s: f64,
+    /// Current into the cell, charge positive, A.
+    pub current_a: f64,
+    /// Voltage at the load's sense terminals, V.
+    pub voltage_v: f64,
+    /// Temperature of the cell's surface, °C; not a number if not measured.
+    pub temperature_c: f64,
+    /// Charge that has flowed into the cell since the start of the first leg, C.
+    pub charge_c: f64,
+}
 
 /// One row of a trace.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -212,6 +236,35 @@ impl rows::Row for TraceRow {
         let [time_s, current_a, voltage_v, temperature_c, samples] = *values else { return None };
         Some(Self { time_s, current_a, voltage_v, temperature_c, samples })
     }
+}
+
+impl rows::Row for LegRow {
+    const COLUMNS: &'static [ColumnSpec] = LEG_COLUMNS;
+
+    fn values(&self) -> Vec<f64> {
+        vec![self.time_s, self.current_a, self.voltage_v, self.temperature_c, self.charge_c]
+    }
+
+    fn from_values(values: &[f64]) -> Option<Self> {
+        let [time_s, current_a, voltage_v, temperature_c, charge_c] = *values else { return None };
+        Some(Self { time_s, current_a, voltage_v, temperature_c, charge_c })
+    }
+}
+
+/// Writes legs of direct current as BDF CSV, [`LEG_COLUMNS`].
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_legs_csv(path: &Path, rows: &[LegRow]) -> Result<(), DatasetError> {
+    rows::write_csv(path, rows)
+}
+
+/// Reads legs that [`write_legs_csv`] wrote.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Header`], [`DatasetError::Field`].
+pub fn read_legs_csv(path: &Path) -> Result<Vec<LegRow>, DatasetError> {
+    rows::read_csv(path)
 }
 
 /// Writes a trace as BDF CSV, [`TRACE_COLUMNS`].

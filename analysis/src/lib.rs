@@ -3,6 +3,7 @@
 //! In reading order: [`sine`] fits sinusoids to samples, [`calibration`] corrects the harness from the control impedances, [`budget`] tells where
 //! the uncertainty comes from, [`spectrum`] holds complex impedances with their uncertainty, [`validity`] judges them, [`model`] is the extended
 //! Randles model (ERM) and circuits in general, [`fit`] finds their parameters, [`drt`] shows their time constants, [`ocv`] is the voltage at rest,
+//! [`multisine`] measures many frequencies in one record,
 //! [`joint`] fits the model to spectra and pulses of a [`series`] together, [`pack`] maps a cell to an SxP pack, [`forward`] simulates a cell or a
 //! pack under a load, [`sop`] finds the most power that can be held; [`thinning`] averages frames of direct currents; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures.
 //!
@@ -20,6 +21,7 @@ pub mod formats;
 pub mod forward;
 pub mod joint;
 pub mod model;
+pub mod multisine;
 pub mod ocv;
 pub mod pack;
 pub mod plot;

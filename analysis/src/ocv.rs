@@ -5,11 +5,15 @@
 //! leaves the table is not held at its end. [`extract`] finds the curve of a slow discharge.
 
 mod extract;
+mod interrupted;
 mod polynomial;
+mod reach;
 mod spline;
 
 pub use extract::{ExtractError, Hysteresis, OcvExtraction, OcvOptions, compensated, extract};
+pub use interrupted::{Interrupted, Interruption, interrupted};
 pub use polynomial::{MAX_ORDER, OcvPolynomial};
+pub use reach::Reach;
 
 use serde::{Deserialize, Serialize};
 

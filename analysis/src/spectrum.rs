@@ -3,10 +3,12 @@
 //! A phasor `p` stands for the signal Re{p · exp(jωt)}; all phasors of one point share the same time zero. The voltage pair is channel 4 minus
 //! channel 3, the current pair channel 2 minus channel 1 over the shunt (thesis 3.3.1).
 
+mod frozen;
 mod phasors;
 
 use num_complex::Complex64;
 
+pub use frozen::at_one_time;
 pub use phasors::{ChannelPhasors, PhasorVariance};
 
 /// A complex impedance at one frequency with the covariance of its parts.

@@ -5,14 +5,17 @@ mod beside;
 mod dc;
 mod entrance;
 mod error;
+mod gate;
 mod heed;
+mod leg;
+mod multisine;
 mod sine;
 mod trace;
 mod watch;
 
 use std::sync::Arc;
 
-use analysis::calibration::Correction;
+use analysis::{calibration::Correction, multisine::Line};
 use instruments::{
     clock::Clock,
     mock::plant::Fixture,
@@ -62,6 +65,8 @@ pub struct Executor<'a> {
     pub correction: Correction,
     /// What was read of the cell before the bipolar supply went on last.
     pub idle: Reading,
+    /// What the lines of multisines say besides their impedance, until somebody takes it.
+    pub lines: Vec<Line>,
     /// What the scope's channels are to be set to.
     verticals: [Option<Vertical>; 4],
     /// What they were last set to.
@@ -87,6 +92,14 @@ pub struct Executor<'a> {
     last_c: Option<f64>,
     /// The logger scans nothing before it was told what.
     logger_ready: bool,
+    /// The readings of the legs so far.
+    legs: leg::Legs,
+    /// When the scope was stopped last, s.
+    stopped_s: f64,
+    /// Where the reset of the state of charge stands.
+    reset: dc::Reset,
+    /// What went into measuring points of the sweep again.
+    spent: gate::Spent,
     /// The chiller was started here, and is to go on running.
     chiller_runs: bool,
 }
@@ -111,6 +124,7 @@ impl<'a> Executor<'a> {
             progress,
             correction: Correction::none(experiment.bench.wiring.shunt),
             idle: Reading::default(),
+            lines: Vec::new(),
             verticals: [None; 4],
             applied: [None; 4],
             trigger_v: Volts(0.0),
@@ -124,6 +138,10 @@ impl<'a> Executor<'a> {
             charge_c: 0.0,
             last_c: None,
             logger_ready: false,
+            legs: leg::Legs::default(),
+            stopped_s: 0.0,
+            reset: dc::Reset::default(),
+            spent: gate::Spent::default(),
             chiller_runs: false,
         }
     }
@@ -144,12 +162,14 @@ impl<'a> Executor<'a> {
         self.recorder.event(&stage.purpose.to_string())?;
         let mut points: Vec<SweepPoint> = Vec::new();
         let mut fixture = Fixture::Cell;
-        self.repeat = if let Purpose::Sweep(_, repeat) = stage.purpose { repeat } else { 0 };
+        self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose { repeat } else { 0 };
+        self.spent = gate::Spent::default();
+        self.reset = dc::Reset::default();
         for (index, step) in stage.steps.iter().enumerate() {
             if let Some(known) = entrance.point(index) {
                 points.push(known.point.clone());
             }
-            if !entrance.plays(stage, (index, step)) {
+            if self.reset.accepted || !entrance.plays(stage, (index, step)) {
                 continue;
             }
             self.heed(stage, (index, fixture)).await?;
@@ -161,12 +181,27 @@ impl<'a> Executor<'a> {
             if let Step::Mount(other) = *step {
                 fixture = other;
             }
-            if let Some(point) = self.play(fixture, step).await? {
-                self.recorder.point((number, index), self.idle, &point)?;
-                on_point(self.recorder, &point)?;
-                points.push(point);
-            } else {
-                self.recorder.journal(Entry::Done { stage: number, step: index })?;
+            match *step {
+                Step::Recheck { .. } => {
+                    for at in self.recheck(fixture, stage, &mut points).await? {
+                        // The later entry of a step counts.
+                        self.recorder.point((number, at.0), self.idle, &points[at.1])?;
+                    }
+                    self.recorder.journal(Entry::Done { stage: number, step: index })?;
+                }
+                Step::Multisine(ref band) => {
+                    points.extend(self.multisine(band).await?);
+                    self.recorder.journal(Entry::Done { stage: number, step: index })?;
+                }
+                _ => {
+                    if let Some(point) = self.play(fixture, step).await? {
+                        self.recorder.point((number, index), self.idle, &point)?;
+                        on_point(self.recorder, &point)?;
+                        points.push(point);
+                    } else {
+                        self.recorder.journal(Entry::Done { stage: number, step: index })?;
+                    }
+                }
             }
             self.progress.end(step);
         }
@@ -187,7 +222,11 @@ impl<'a> Executor<'a> {
             Step::Charge { .. } => self.charge(step).await?,
             Step::Rest { .. } => self.rest(step).await?,
             Step::PowerUp { .. } => self.power(fixture, step).await?,
-            Step::Sine { .. } => return self.sine(fixture, step).await.map(Some),
+            Step::Accept { band_v, missed } => self.accept(band_v, missed)?,
+            Step::Leg(leg) => self.leg(&leg).await?,
+            Step::Sine { .. } => return self.gated(fixture, step).await.map(Some),
+            // They give several points, or change those that are there.
+            Step::Multisine(_) | Step::Recheck { .. } => {}
             Step::Pause { span_s } => self.pause(span_s).await?,
             Step::Zero(ref trace) => self.zero(trace).await?,
             Step::Trace(ref trace) => self.trace(trace).await?,

@@ -11,9 +11,10 @@ use analysis::{
 use instruments::mock::plant::Fixture;
 
 use crate::{
-    config::{Bench, Tolerance},
+    config::{Bench, Experiment, Tolerance},
     executor::SweepPoint,
     plan::fixture_name,
+    present::significant,
 };
 
 /// After the correction a control must be right in phase too: this many degrees for each per cent of its tolerance (1 % of a number is 0.57°).
@@ -30,6 +31,21 @@ pub struct ControlResult {
     pub raw: ControlVerdict,
     /// After the correction; `None` until every control was measured.
     pub corrected: Option<ControlVerdict>,
+    /// How far the bench goes as read.
+    pub believed_as_read: Option<Believed>,
+    /// How far it goes with the correction.
+    pub believed: Option<Believed>,
+}
+
+/// Up to which frequency a control is right.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Believed {
+    /// Up to here every point is right, Hz; none where the slowest is wrong.
+    pub believed_to_hz: Option<f64>,
+    /// Here is the first that is wrong, Hz; none where all are right: then the control was not measured far enough to find the end.
+    pub wrong_at_hz: Option<f64>,
+    /// Right means within this share of the known impedance, of a short within this share of the current shunt's.
+    pub tolerance: f64,
 }
 
 /// The control's known impedance.
@@ -51,7 +67,55 @@ pub fn raw_points(bench: &Bench, points: &[SweepPoint]) -> Vec<ImpedancePoint> {
 pub fn judge_raw(bench: &Bench, fixture: Fixture, tolerance: &Tolerance, points: &[SweepPoint]) -> ControlResult {
     let known = known(bench, fixture);
     let raw = judge(&raw_points(bench, points), &known, tolerance);
-    ControlResult { control: fixture_name(fixture), known, raw, corrected: None }
+    ControlResult { control: fixture_name(fixture), known, raw, corrected: None, believed_as_read: None, believed: None }
+}
+
+/// The points of a control within the band of the sweep: only they are judged.
+pub fn swept<'p>(experiment: &Experiment, points: &'p [SweepPoint]) -> &'p [SweepPoint] {
+    let last_hz = experiment.eis.as_ref().and_then(|eis| eis.freqs_hz.last().copied()).unwrap_or(f64::INFINITY);
+    &points[..points.partition_point(|point| point.phasors.freq_hz <= last_hz)]
+}
+
+/// How far the bench goes as read, by one control: the tolerance is that of the corrected reading.
+pub fn believed_as_read(experiment: &Experiment, fixture: Fixture, points: &[SweepPoint]) -> Believed {
+    let share = experiment.fixture_check.as_ref().map_or(0.0, |check| check.corrected_tolerance);
+    reach(&raw_points(&experiment.bench, points), (experiment, fixture), share)
+}
+
+/// How far the bench goes with the correction, by one control.
+pub fn believed(experiment: &Experiment, fixture: Fixture, (correction, share): (&Correction, f64), points: &[SweepPoint]) -> Believed {
+    let corrected: Vec<ImpedancePoint> = points.iter().map(|point| correction.apply(&point.phasors)).collect();
+    reach(&corrected, (experiment, fixture), share)
+}
+
+/// Points by rising frequency. A point counts as right while the error of its impedance, magnitude and phase together, is within the share.
+fn reach(points: &[ImpedancePoint], (experiment, fixture): (&Experiment, Fixture), share: f64) -> Believed {
+    let known = known(&experiment.bench, fixture);
+    let scale = |freq_hz: f64| if fixture == Fixture::Short { experiment.bench.wiring.shunt.r_ohm } else { known.at(freq_hz).norm() };
+    let right = |point: &&ImpedancePoint| (point.z_ohm - known.at(point.freq_hz)).norm() <= share * scale(point.freq_hz);
+    let good = points.iter().take_while(right).count();
+    Believed {
+        believed_to_hz: good.checked_sub(1).map(|last| points[last].freq_hz),
+        wrong_at_hz: points.get(good).map(|point| point.freq_hz),
+        tolerance: share,
+    }
+}
+
+/// How far the bench is to be believed, by all controls that were not the correction's own reference: a sentence; none without such a control.
+pub fn believed_in_words(controls: &[ControlResult]) -> Option<String> {
+    let limit = |of: fn(&ControlResult) -> Option<Believed>| {
+        let to_hz = |believed: &Believed| believed.believed_to_hz.unwrap_or(0.0);
+        controls.iter().filter_map(of).min_by(|a, b| to_hz(a).total_cmp(&to_hz(b)))
+    };
+    let words = |believed: Believed| match (believed.believed_to_hz, believed.wrong_at_hz) {
+        (Some(to_hz), Some(at_hz)) => format!("up to {} Hz (wrong at {} Hz)", significant(to_hz, 4), significant(at_hz, 4)),
+        (Some(to_hz), None) => format!("up to {} Hz at least", significant(to_hz, 4)),
+        (None, _) => "at no frequency".to_owned(),
+    };
+    let corrected = limit(|control| control.believed)?;
+    let as_read = limit(|control| control.believed_as_read.filter(|_| control.believed.is_some())).map(words).unwrap_or_default();
+    let percent = significant(100.0 * corrected.tolerance, 2);
+    Some(format!("the bench is to be believed within {percent} % {}; as read, {as_read}", words(corrected)))
 }
 
 fn judge(points: &[ImpedancePoint], known: &KnownImpedance, tolerance: &Tolerance) -> ControlVerdict {

@@ -24,6 +24,7 @@ pub mod plan;
 pub mod present;
 pub mod procedure;
 pub mod progress;
+pub mod quality;
 pub mod reconcile;
 pub mod record;
 pub mod sim;

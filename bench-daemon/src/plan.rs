@@ -1,6 +1,8 @@
 //! What is to be done, as data: stages of steps, each with an upper bound in time, checked before anything is energised.
 
 mod crash;
+mod leg;
+mod multisine;
 mod specimen;
 mod trace;
 
@@ -10,6 +12,8 @@ use instruments::mock::plant::Fixture;
 
 use crate::interlock::Limits;
 pub use crash::AfterCrash;
+pub use leg::{Flow, Leg, Log};
+pub use multisine::Band;
 pub use specimen::Specimen;
 #[cfg(test)]
 pub(crate) use trace::test_trace;
@@ -38,8 +42,12 @@ pub enum Purpose {
     Temperature,
     /// Bringing the cell to its state of charge.
     SocReset,
+    /// Finding the open-circuit voltage over the state of charge.
+    OcvSoc,
     /// A sweep over what is in the jig: 0 as a control, else the number of the repeat.
     Sweep(Fixture, usize),
+    /// Many frequencies at once, with the number of the repeat.
+    Multisine(usize),
     /// A current that steps through the cell.
     Trace,
 }
@@ -89,6 +97,15 @@ pub enum Step {
         /// Steady means slower than this, V/s.
         slope_v_per_s: f64,
     },
+    /// The voltage at rest is held against a band; where it fits, what is left of the stage is left out.
+    Accept {
+        /// The band, V.
+        band_v: (f64, f64),
+        /// What becomes of a cell that misses it; none where the charge is tried again.
+        missed: Option<Missed>,
+    },
+    /// Direct current through load or supply, or rest, every reading of which is kept.
+    Leg(Leg),
     /// The bipolar supply is brought up with the generator at zero.
     PowerUp {
         /// Compliance voltage, V.
@@ -109,6 +126,15 @@ pub enum Step {
         /// Shortest wait for the record, s.
         wait_s: f64,
     },
+    /// Many sinusoids are driven at once and captured.
+    Multisine(Arc<Band>),
+    /// The finished sweep is held against itself; what does not fit is measured again.
+    Recheck {
+        /// Time for that, s.
+        max_s: f64,
+        /// Charge that may be moved to and fro for that, C.
+        charge_c: f64,
+    },
     /// Nothing flows for a while.
     Pause {
         /// How long, s.
@@ -120,6 +146,16 @@ pub enum Step {
     Trace(Arc<TracePlan>),
     /// The bipolar supply is taken down.
     PowerDown,
+}
+
+/// What becomes of a run whose cell misses the band of its state of charge to the end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Missed {
+    /// It goes on, and says so.
+    Flag,
+    /// It ends.
+    Refuse,
 }
 
 /// A plan that would leave the limits.
@@ -235,6 +271,15 @@ impl Step {
                     return Err(format!("expected a shortest rest of at most {max_s} s, found {min_s} s"));
                 }
             }
+            Self::Accept { band_v, .. } => {
+                needs_off()?;
+                window(band_v.0, "the band of the voltage at rest")?;
+                window(band_v.1, "the band of the voltage at rest")?;
+            }
+            Self::Leg(ref leg) => {
+                needs_off()?;
+                leg.check(limits)?;
+            }
             Self::PowerUp { compliance_v, limit_a, .. } => {
                 needs_off()?;
                 let (least, greatest) = (limits.max_v + COMPLIANCE_V.0, limits.max_v + COMPLIANCE_V.1);
@@ -252,6 +297,17 @@ impl Step {
                     return Err(format!("expected a frequency above 0 Hz, found {freq_hz} Hz"));
                 }
             }
+            Self::Multisine(ref band) => {
+                if !powered {
+                    return Err("expected the bipolar supply to be up".to_owned());
+                }
+                band.check(limits)?;
+            }
+            Self::Recheck { .. } => {
+                if !powered {
+                    return Err("expected the bipolar supply to be up".to_owned());
+                }
+            }
             Self::PowerDown => {}
         }
         let longest_s = self.longest_s();
@@ -267,7 +323,11 @@ impl Step {
             Self::HoldTemperature { max_s, .. } => 0.2 * max_s,
             Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } => 0.2 * max_s,
             Self::Rest { min_s, max_s, .. } => 0.5 * (min_s + max_s),
+            Self::Accept { .. } => 0.0,
+            Self::Leg(ref leg) => leg.expected_s(),
             Self::Sine { wait_s, .. } => wait_s + OVERHEAD_S,
+            Self::Multisine(ref band) => band.expected_s() + 2.0 * OVERHEAD_S,
+            Self::Recheck { .. } => OVERHEAD_S,
             Self::Pause { span_s } => span_s,
             Self::Zero(ref trace) => trace.rest_s + 2.0 * OVERHEAD_S,
             Self::Trace(ref trace) => trace.length_s() + OVERHEAD_S,
@@ -281,6 +341,9 @@ impl Step {
             Self::HoldTemperature { max_s, .. } | Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } | Self::Rest { max_s, .. } => {
                 max_s
             }
+            Self::Accept { .. } => 0.0,
+            Self::Leg(Leg { max_s, .. }) | Self::Recheck { max_s, .. } => max_s,
+            Self::Multisine(ref band) => (band.expected_s() + 60.0) * (MAX_RANGING + 1) as f64,
             Self::Sine { wait_s, .. } => (wait_s + 60.0) * (MAX_RANGING + 1) as f64,
             Self::Pause { span_s } => span_s + 60.0,
             Self::Zero(ref trace) => trace.rest_s + 60.0,
@@ -294,11 +357,13 @@ impl fmt::Display for Purpose {
         f.write_str(match self {
             Self::Temperature => "temperature",
             Self::SocReset => "SOC reset",
+            Self::OcvSoc => "OCV over SOC",
             Self::Sweep(Fixture::Cell, _) => "EIS sweep of the cell",
             Self::Sweep(Fixture::Shunt, 0) => "fixture check: shunt",
             Self::Sweep(Fixture::Shunt, _) => "EIS sweep of the shunt",
             Self::Sweep(Fixture::FakeCell, _) => "fixture check: fake cell",
             Self::Sweep(Fixture::Short, _) => "fixture check: short",
+            Self::Multisine(_) => "multisine of the cell",
             Self::Trace => "current trace",
         })
     }
@@ -321,6 +386,15 @@ impl fmt::Display for Step {
             Self::Rest { min_s, max_s, slope_v_per_s } => {
                 write!(f, "rest {} to {}, until slower than {:.3} mV/min", minutes(min_s), minutes(max_s), slope_v_per_s * 6.0e4)
             }
+            Self::Accept { band_v: (low, high), missed } => {
+                let otherwise = match missed {
+                    None => "else again, the end of the charge moved by what is missing",
+                    Some(Missed::Flag) => "else go on and say so",
+                    Some(Missed::Refuse) => "else end the run",
+                };
+                write!(f, "accept {low} V to {high} V at rest, {otherwise}")
+            }
+            Self::Leg(ref leg) => leg.fmt(f),
             Self::PowerUp { compliance_v, limit_a, held: true } => {
                 write!(f, "bipolar supply up: compliance {compliance_v} V, current limit {limit_a} A")
             }
@@ -330,13 +404,21 @@ impl fmt::Display for Step {
             Self::Sine { index, freq_hz, amplitude_a, wait_s } => {
                 write!(f, "point {:>2}: {freq_hz:>10.4} Hz, {amplitude_a} A, wait {wait_s:.1} s", index + 1)
             }
+            Self::Multisine(ref band) => band.fmt(f),
+            Self::Recheck { max_s, charge_c } => {
+                write!(f, "measure again what the quality gate refuses: at most {} and {charge_c:.0} C in all", minutes(max_s))
+            }
             Self::Pause { span_s } => write!(f, "rest {}", minutes(span_s)),
             Self::Zero(ref trace) => write!(f, "rest {}, then the zeros of the channels and the voltage at rest", minutes(trace.rest_s)),
             Self::Trace(ref trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
                 let (name, repeat, steps, frames) = (&trace.name, trace.repeat, trace.levels.len(), trace.frames.len());
                 let length = minutes(trace.length_s());
-                write!(f, "trace {name}, repeat {repeat}: {steps} steps from {least_a} A to {greatest_a} A, {frames} frames, {length}")
+                let worst = if trace.levels.iter().any(|level| level.power_w.is_some()) { " at worst, by power" } else { "" };
+                write!(
+                    f,
+                    "trace {name}, repeat {repeat}: {steps} steps from {least_a} A to {greatest_a} A{worst}, {frames} frames, {length}"
+                )
             }
             Self::PowerDown => write!(f, "bipolar supply down"),
         }

@@ -18,7 +18,7 @@ use std::{
 };
 
 use analysis::{
-    dataset::{self, Capture, DatasetError, RunIndex, SeriesRow, SweepEntry, TraceEntry, TraceRow},
+    dataset::{self, Capture, DatasetError, LegRow, RunIndex, SeriesRow, SweepEntry, TraceEntry, TraceRow},
     spectrum::ImpedancePoint,
 };
 use instruments::{clock::Clock, mock::plant::Fixture, scope::Waveform, transcript::Tap};
@@ -264,6 +264,14 @@ impl Recorder {
         self.json(INDEX, &self.index)
     }
 
+    /// Writes the readings of legs, whole or not at all.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn legs(&self, name: &str, rows: &[LegRow]) -> Result<(), RecordError> {
+        Ok(dataset::write_legs_csv(&self.path(name), rows)?)
+    }
+
     /// Takes a sweep that is not finished out of the index: its entry was written, but not its end in the journal.
     pub fn forget_sweep(&mut self, file: &str) {
         self.index.sweeps.retain(|entry| entry.file != file);
@@ -303,6 +311,14 @@ impl Recorder {
             fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
         }
         Ok(dataset::append_spectrum_csv(&path, point)?)
+    }
+
+    /// Writes a spectrum again, whole or not at all, in the place of the points that were appended as they came.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn spectrum(&self, name: &str, points: &[ImpedancePoint]) -> Result<(), RecordError> {
+        Ok(dataset::write_spectrum_csv(&self.path(name), points)?)
     }
 
     /// Writes a structure as JSON, whole or not at all.

@@ -24,6 +24,13 @@ pub enum Exchange {
         /// What the answer must be.
         expect: Expect,
     },
+    /// Bytes behind a head, sent as they are; what the instrument made of them shows in what comes after. They must hold no byte that ends a message.
+    Data {
+        /// The message up to its data.
+        head: String,
+        /// The data.
+        data: Vec<u8>,
+    },
     /// A command that the instrument answers by itself, as protocols with a confirmation do.
     Ask {
         /// The command.
@@ -192,6 +199,7 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
                 let outcome = link.set(message, read_back, |answer| expect.judge(answer)).await;
                 believe(link, read_back, expect, outcome).await?;
             }
+            Exchange::Data { head, data } => link.send_data(head, data).await?,
             Exchange::Ask { message, expect } => {
                 let answer = link.query(message).await?;
                 expect.judge(&answer).map_err(|expected| LinkError::unexpected(link.name(), message, &answer, &expected))?;

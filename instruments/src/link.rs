@@ -34,6 +34,8 @@ use crate::{
 
 /// Most entries that are taken out of an error queue at once; real queues hold 10 to 30.
 const MAX_QUEUED_ERRORS: usize = 20;
+/// Bytes that data on a stream must not hold: those that end a message, and the one that begins a block.
+pub const ENDS_MESSAGES: [u8; 3] = [b'\n', b'\r', b'#'];
 
 /// A connection to one instrument.
 #[derive(Debug)]
@@ -120,6 +122,22 @@ impl Link {
     /// As [`Link::query`], without a deadline for an answer.
     pub async fn send_unchecked(&mut self, message: &str) -> Result<(), LinkError> {
         self.tell(message).await
+    }
+
+    /// Sends a message whose last argument is data as it is, without a block's header. Nothing is asked: what became of it is read back later.
+    ///
+    /// # Errors
+    /// [`LinkError::Malformed`] for data with a byte that would end the message; else as [`Link::send_unchecked`].
+    pub async fn send_data(&mut self, head: &str, data: &[u8]) -> Result<(), LinkError> {
+        // The grammar sees a number in the place of the data.
+        self.guard(&format!("{head}0"), false)?;
+        if let Some(byte) = data.iter().find(|byte| ENDS_MESSAGES.contains(byte)) {
+            let reason = format!("expected data without the byte {byte:#04x}, which would end the message");
+            return Err(LinkError::Malformed { link: self.link(), message: head.to_owned(), reason });
+        }
+        let mut connection = self.begin(head)?;
+        let sent = self.hand_over_data(&mut connection, (head, data)).await;
+        self.finish(connection, sent)
     }
 
     /// Asks and waits for a line.
@@ -268,12 +286,17 @@ impl Link {
     }
 
     async fn hand_over(&mut self, connection: &mut Connection, message: &str) -> Result<(), LinkError> {
+        self.hand_over_data(connection, (message, &[])).await
+    }
+
+    async fn hand_over_data(&mut self, connection: &mut Connection, (message, data): (&str, &[u8])) -> Result<(), LinkError> {
         let LinkProfile { terminator, timeout: deadline, min_gap, write_gap, .. } = self.options.profile;
         let clock = self.options.clock.clone();
         clock.sleep_s(self.ready_at_s - clock.now_s()).await;
         self.drain(connection, message).await?;
-        self.record(Direction::Sent, Payload::Text(message.to_owned()));
-        let bytes = [message.as_bytes(), terminator.bytes()].concat();
+        let payload = if data.is_empty() { Payload::Text(message.to_owned()) } else { Payload::Block(BlockRecord::new(message, data)) };
+        self.record(Direction::Sent, payload);
+        let bytes = [message.as_bytes(), data, terminator.bytes()].concat();
         let timed_out = |_| LinkError::WriteTimeout { link: self.link(), message: message.to_owned(), deadline };
         let written = clock.deadline(deadline, connection.write(&bytes)).await.map_err(timed_out)?;
         written.map_err(|broken| self.error(broken, message))?;

@@ -43,6 +43,18 @@ pub struct SweepEntry {
     pub role: Role,
     /// Runs of one group repeat each other.
     pub repeat_group: String,
+    /// Points that a quality gate refused to the end; a run without a gate has none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub flagged: Vec<FlaggedPoint>,
+}
+
+/// A point that is kept under protest.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FlaggedPoint {
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// What was expected and what was found.
+    pub reasons: Vec<String>,
 }
 
 /// One time series.

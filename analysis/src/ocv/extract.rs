@@ -39,7 +39,7 @@ pub struct OcvExtraction {
     pub curve: OcvCurve,
     /// Charge between the ends of the discharge, Ah.
     pub capacity_ah: f64,
-    /// Mean current of the discharge, A.
+    /// Mean current of the discharge, weighted by charge, A.
     pub current_a: f64,
     /// Resistance used for the compensation, Ω.
     pub dcir_ohm: f64,
@@ -199,10 +199,11 @@ fn branch(series: &TimeSeries, direction: f64, options: &OcvOptions) -> Result<B
     }
     let charge = series.charge_c();
     let total = (charge[range.end - 1] - charge[range.start]).abs();
-    let current = range.clone().map(|k| series.current_a[k].abs());
-    let n = range.len() as f64;
-    let current_a = current.clone().sum::<f64>() / n;
-    let spread_a = (current.map(|i| (i - current_a).powi(2)).sum::<f64>() / n).sqrt();
+    // Every sample counts by the charge since the one before: a tail of small current has many samples and little charge.
+    let moved = |k: usize| (charge[k] - charge[k - 1]).abs() / total;
+    let current = || (range.start + 1..range.end).map(|k| (series.current_a[k].abs(), moved(k)));
+    let current_a = current().map(|(i, share)| share * i).sum::<f64>();
+    let spread_a = current().map(|(i, share)| share * (i - current_a).powi(2)).sum::<f64>().sqrt();
     let volts = || range.clone().map(|k| series.voltage_v[k]);
     let soc = |k: usize| {
         if direction > 0.0 { 1.0 - (charge[k] - charge[range.start]) / total } else { (charge[range.start] - charge[k]) / total }

@@ -64,7 +64,8 @@ pub fn ocv(args: &OcvArgs) -> Result<(), Failure> {
     let options = OcvOptions { dcir_ohm: args.dcir_ohm, limits_v, polynomial: args.poly, mean: args.mean, ..OcvOptions::default() };
     let found = extract(&discharge, charge.as_ref(), &options).map_err(|error| Failure::Usage(error.to_string()))?;
     if let Some(folder) = &args.out {
-        write(folder, &discharge, (&found, &options))?;
+        let points = compensated(&discharge, &options).map_err(|error| Failure::Usage(error.to_string()))?;
+        write(folder, &discharge.name, (&points, &found))?;
     }
     if args.json {
         let text = serde_json::to_string_pretty(&found).map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -119,7 +120,8 @@ fn print_text(name: &str, found: &OcvExtraction) {
     }
 }
 
-fn write(folder: &Path, discharge: &TimeSeries, (found, options): (&OcvExtraction, &OcvOptions)) -> Result<(), Failure> {
+/// Writes table, curve and picture into a folder; `points` are (SOC, compensated voltage) of the samples.
+pub(super) fn write(folder: &Path, name: &str, (points, found): (&[(f64, f64)], &OcvExtraction)) -> Result<(), Failure> {
     files::make_folder(folder)?;
     let put = |name: &str, text: &str| files::write_text(folder, name, text);
     let mut table = "soc,ocv_v,docv_dsoc_v\n".to_owned();
@@ -131,8 +133,7 @@ fn write(folder: &Path, discharge: &TimeSeries, (found, options): (&OcvExtractio
     put("ocv.csv", &table)?;
     let json = serde_json::to_string_pretty(&found.curve).map_err(|error| Failure::Analysis(error.to_string()))?;
     put("ocv.json", &(json + "\n"))?;
-    let points = compensated(discharge, options).map_err(|error| Failure::Usage(error.to_string()))?;
-    files::write_chart(folder, "ocv", &picture(&discharge.name, &points, found))
+    files::write_chart(folder, "ocv", &picture(name, points, found))
 }
 
 /// The measured and the compensated curve as figure 3.3 of the thesis, the slope, and the samples less the spline.

@@ -5,6 +5,7 @@
 
 mod drive;
 mod manifest;
+mod multisine;
 mod past;
 mod results;
 mod sweeping;
@@ -49,6 +50,8 @@ use crate::{
     sim::Simulation,
 };
 
+pub use multisine::MultisineRun;
+
 /// What a run measured.
 #[derive(Debug)]
 pub struct Measured {
@@ -62,6 +65,10 @@ pub struct Measured {
     pub spectrum: Spectrum,
     /// Those of its further sweeps.
     pub repeats: Vec<Spectrum>,
+    /// All of them with the noise of their own records only: what the correction leaves uncertain is the same in each.
+    pub own_noise: Vec<Spectrum>,
+    /// What multisines measured of the cell.
+    pub multisines: Vec<MultisineRun>,
 }
 
 /// Runs an experiment.

@@ -63,6 +63,9 @@ impl Check<'_> {
             let reason = "expected a section [eis] that sweeps the cell with a repeat of 1: campaign.repeats says how often";
             return Err(self.complain("campaign", reason));
         }
+        if eis.is_some_and(|eis| eis.steps_a.len() > 1) {
+            return Err(self.complain("eis.amplitude_steps", "expected one amplitude beside [campaign]: its runs are one sweep each"));
+        }
         self.within("campaign.cells", raw.cells.len() as f64, (1.0, 32.0), "cells")?;
         self.within("campaign.repeats", raw.repeats as f64, (1.0, 1000.0), "repeats")?;
         if raw.cells.len() > 1 {

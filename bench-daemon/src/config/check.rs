@@ -13,7 +13,7 @@ use instruments::{
     units::Seconds,
 };
 
-use super::{Bench, Cell, ConfigError, Eis, Fit, FixtureCheck, SocReset, Source, Temperature, Tolerance, raw};
+use super::{Acceptance, Bench, Cell, ConfigError, Eis, Fit, FixtureCheck, SocReset, Source, Temperature, Tolerance, raw};
 
 /// How far the end of a charge lies below the limit of the supply at least, V.
 const CHARGE_MARGIN_V: f64 = 0.02;
@@ -96,7 +96,13 @@ impl Check<'_> {
             controls.push((Fixture::Short, Tolerance::Absolute(error_ohm)));
         }
         let corrected_tolerance = self.within("fixture_check.corrected_tolerance", raw.corrected_tolerance.si, (1.0e-4, 0.1), "(share)")?;
-        Ok(FixtureCheck { controls, corrected_tolerance })
+        let mut beyond_hz = Vec::new();
+        for frequency in &raw.beyond {
+            beyond_hz.push(self.within("fixture_check.beyond", microhertz(frequency.si), (1.0e-3, 1.0e5), "Hz")?);
+        }
+        beyond_hz.sort_by(f64::total_cmp);
+        beyond_hz.dedup();
+        Ok(FixtureCheck { controls, corrected_tolerance, beyond_hz })
     }
 
     pub(super) fn soc_reset(&self, raw: &raw::SocReset) -> Result<SocReset, ConfigError> {
@@ -123,6 +129,7 @@ impl Check<'_> {
             rest_max_s: self.within("soc_reset.rest_max", raw.rest_max.si, (raw.rest_min.si, 86_400.0), "s")?,
             rest_slope_v_per_s: self.within("soc_reset.rest_slope", raw.rest_slope.si, (1.0e-9, 1.0e-2), "V/s")?,
             max_s: self.within("soc_reset.max_duration", raw.max_duration.si, (1.0, 172_800.0), "s")?,
+            acceptance: self.acceptance(raw)?,
         };
         if reset.discharge_until_v >= reset.charge_until_v {
             let reason = format!("expected less than charge_until ({} V), found {} V", reset.charge_until_v, reset.discharge_until_v);
@@ -137,6 +144,21 @@ impl Check<'_> {
             return Err(self.complain("soc_reset.charge_until", reason));
         }
         Ok(reset)
+    }
+
+    /// The band in which the voltage must come to rest, above the end of the discharge.
+    fn acceptance(&self, raw: &raw::SocReset) -> Result<Option<Acceptance>, ConfigError> {
+        let Some(band) = raw.rest_band else { return Ok(None) };
+        let (low_v, high_v) = (band[0].si, band[1].si);
+        let (least_v, greatest_v) = (raw.discharge_until.si, raw.charge_until.si);
+        if !(least_v <= low_v && low_v < high_v && high_v <= greatest_v) {
+            let reason = format!(
+                "expected two rising voltages within {least_v} V to {greatest_v} V (discharge_until to charge_until), found {low_v} V and {high_v} V"
+            );
+            return Err(self.complain("soc_reset.rest_band", reason));
+        }
+        let attempts = self.within("soc_reset.attempts", raw.attempts as f64, (1.0, 20.0), "times").map(|_| raw.attempts)?;
+        Ok(Some(Acceptance { band_v: (low_v, high_v), attempts, missed: raw.missed }))
     }
 
     pub(super) fn eis(&self, raw: &raw::Eis) -> Result<Eis, ConfigError> {
@@ -170,6 +192,10 @@ impl Check<'_> {
             record_points: raw.record_points,
             memory_points: raw.memory_points,
             mains_hz: raw.mains.as_ref().map(|mains| self.within("eis.mains", mains.si, (10.0, 1000.0), "Hz")).transpose()?,
+            order: raw.order,
+            steps_a: self.steps(raw, amplitude_a)?,
+            compensate_drift: raw.compensate_drift,
+            quality: raw.quality.as_ref().map(|quality| self.quality(quality)).transpose()?,
         };
         self.within("eis.memory_points", raw.memory_points as f64, (1_000.0, 1.0e7), "points")?;
         // The 1–2–5 series of the time base can put 2.5 times the asked periods on the screen.
@@ -177,6 +203,20 @@ impl Check<'_> {
         self.within("eis.record_points", raw.record_points as f64, (least_points, raw.memory_points as f64), "points")?;
         self.check_grid(&eis)?;
         Ok(eis)
+    }
+
+    /// The amplitudes of a round, A; the channels' ranges hold the largest.
+    fn steps(&self, raw: &raw::Eis, amplitude_a: f64) -> Result<Vec<f64>, ConfigError> {
+        let Some(list) = &raw.amplitude_steps else { return Ok(vec![amplitude_a]) };
+        let mut steps_a = Vec::new();
+        for step in list {
+            steps_a.push(self.within("eis.amplitude_steps", step.si, (0.01, amplitude_a), "A")?);
+        }
+        let differ = steps_a.iter().enumerate().all(|(k, step)| !steps_a[..k].contains(step));
+        if steps_a.is_empty() || !differ {
+            return Err(self.complain("eis.amplitude_steps", format!("expected amplitudes that differ, found {steps_a:?} A")));
+        }
+        Ok(steps_a)
     }
 
     /// The list as given, or the logarithmic grid, rising; between what the generator can set and what the supply can follow.

@@ -4,6 +4,9 @@
 mod campaign;
 mod check;
 mod interlock;
+mod multisine;
+mod ocv_soc;
+mod quality;
 pub mod quantity;
 mod raw;
 mod resolve;
@@ -12,6 +15,7 @@ mod trace;
 
 use std::path::PathBuf;
 
+use crate::{plan::Missed, quality::Quality};
 use analysis::{
     calibration::{ControlTolerance, KnownImpedance, StrayAdmittance},
     diagnosis::BenchHistory,
@@ -26,6 +30,8 @@ use instruments::{
 
 pub use campaign::{Campaign, CampaignRun};
 pub(crate) use check::LOAD_CUT_OFF_V;
+pub use multisine::{Band, Multisine};
+pub use ocv_soc::OcvSoc;
 pub use resolve::{load_any_bench, load_bench, load_experiment, resolve_experiment};
 pub use source::{ConfigError, Copies, Source};
 pub use trace::{Segment, Trace};
@@ -47,8 +53,12 @@ pub struct Experiment {
     pub fixture_check: Option<FixtureCheck>,
     /// Bringing the cell to a known state of charge first, if asked for.
     pub soc_reset: Option<SocReset>,
+    /// Finding the open-circuit voltage over the state of charge, if asked for.
+    pub ocv_soc: Option<OcvSoc>,
     /// The sweeps, if there are any.
     pub eis: Option<Eis>,
+    /// Many frequencies at once, if asked for.
+    pub multisine: Option<Multisine>,
     /// Several cells, each measured several times, if there are any.
     pub campaign: Option<Campaign>,
     /// Currents that step, in the order in which each round plays them.
@@ -249,6 +259,8 @@ pub struct FixtureCheck {
     pub controls: Vec<(Fixture, Tolerance)>,
     /// How far a control may be off after the correction, as a share.
     pub corrected_tolerance: f64,
+    /// Frequencies beyond those of the sweep at which the controls are looked at, Hz: they are judged by nothing, and tell how far the bench goes.
+    pub beyond_hz: Vec<f64>,
 }
 
 /// How far a control may be off as read.
@@ -281,6 +293,19 @@ pub struct SocReset {
     pub rest_slope_v_per_s: f64,
     /// Longest discharge and longest charge, s.
     pub max_s: f64,
+    /// Where the voltage must come to rest, where that is asked for.
+    pub acceptance: Option<Acceptance>,
+}
+
+/// When a reset of the state of charge has succeeded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Acceptance {
+    /// The band of the voltage at rest, V.
+    pub band_v: (f64, f64),
+    /// Resets at most.
+    pub attempts: usize,
+    /// What becomes of a cell that misses it to the end.
+    pub missed: Missed,
 }
 
 /// The sweeps.
@@ -308,6 +333,29 @@ pub struct Eis {
     pub memory_points: u64,
     /// Frequency of the mains whose pick-up is fitted besides the sinusoid, Hz; `None` if there is none to expect.
     pub mains_hz: Option<f64>,
+    /// In which order the frequencies come.
+    pub order: Order,
+    /// Amplitudes of the sweeps of a round, A; the largest is `amplitude_a`.
+    pub steps_a: Vec<f64>,
+    /// Each sweep goes there and back, and every point counts at the time in between.
+    pub compensate_drift: bool,
+    /// What a point must be to be kept without a flag, where it is asked for.
+    pub quality: Option<Quality>,
+}
+
+/// In which order the frequencies of a sweep come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Order {
+    /// The slowest first.
+    #[default]
+    Ascending,
+    /// The fastest first.
+    Descending,
+    /// Drawn from the seed, anew for each sweep: a drift of the cell becomes noise.
+    Random,
+    /// The slowest, the fastest, the second slowest …
+    Alternating,
 }
 
 /// The fits.

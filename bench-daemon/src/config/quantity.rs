@@ -99,6 +99,9 @@ dimension!(
     /// Electric current.
     Current, "a current", "1 A", [("A", 1.0), ("mA", 1.0e-3)]);
 dimension!(
+    /// Power.
+    Power, "a power", "-40 W", [("W", 1.0), ("kW", 1.0e3)]);
+dimension!(
     /// Frequency.
     Frequency, "a frequency", "0.1 Hz", [("Hz", 1.0), ("mHz", 1.0e-3), ("kHz", 1.0e3)]);
 dimension!(

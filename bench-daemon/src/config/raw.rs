@@ -5,8 +5,8 @@ use instruments::mock::Fault;
 use serde::Deserialize;
 
 use super::quantity::{
-    Angle, Capacitance, Charge, Current, Duration, Frequency, Inductance, Quantity, Resistance, Share, Temperature, TemperatureDifference,
-    Voltage, VoltageSlope,
+    Angle, Capacitance, Charge, Current, Duration, Frequency, Inductance, Power, Quantity, Resistance, Share, Temperature,
+    TemperatureDifference, Voltage, VoltageSlope,
 };
 
 /// An experiment: what is to be done with which cell on which bench.
@@ -21,7 +21,9 @@ pub(super) struct Experiment {
     pub(super) temperature: Option<TemperatureSection>,
     pub(super) fixture_check: Option<FixtureCheck>,
     pub(super) soc_reset: Option<SocReset>,
+    pub(super) ocv_soc: Option<super::ocv_soc::Raw>,
     pub(super) eis: Option<Eis>,
+    pub(super) multisine: Option<super::multisine::Raw>,
     pub(super) campaign: Option<Campaign>,
     #[serde(default)]
     pub(super) traces: Vec<Trace>,
@@ -44,6 +46,9 @@ pub(super) struct FixtureCheck {
     pub(super) fake_cell: Option<ControlTolerance>,
     pub(super) short: Option<ShortTolerance>,
     pub(super) corrected_tolerance: Quantity<Share>,
+    /// Where the controls are looked at beyond the sweep.
+    #[serde(default)]
+    pub(super) beyond: Vec<Quantity<Frequency>>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -72,6 +77,12 @@ pub(super) struct SocReset {
     pub(super) rest_max: Quantity<Duration>,
     pub(super) rest_slope: Quantity<VoltageSlope>,
     pub(super) max_duration: Quantity<Duration>,
+    /// Where the voltage must come to rest.
+    pub(super) rest_band: Option<[Quantity<Voltage>; 2]>,
+    #[serde(default = "three")]
+    pub(super) attempts: usize,
+    #[serde(default = "flag")]
+    pub(super) missed: crate::plan::Missed,
 }
 
 #[derive(Debug, Deserialize)]
@@ -102,6 +113,14 @@ pub(super) struct Eis {
     pub(super) repeat: usize,
     /// Before each sweep of the cell.
     pub(super) rest_first: Option<Quantity<Duration>>,
+    #[serde(default)]
+    pub(super) order: super::Order,
+    /// Sweeps of each round, in the place of one at `amplitude`, which is the largest.
+    pub(super) amplitude_steps: Option<Vec<Quantity<Current>>>,
+    /// Each sweep there and back, and every point at the time in between.
+    #[serde(default)]
+    pub(super) compensate_drift: bool,
+    pub(super) quality: Option<super::quality::Raw>,
 }
 
 /// What the sweeps of `[eis]` are of.
@@ -168,7 +187,9 @@ pub(super) struct Trace {
 #[serde(deny_unknown_fields)]
 pub(super) struct Segment {
     /// Charge positive.
-    pub(super) current: Quantity<Current>,
+    pub(super) current: Option<Quantity<Current>>,
+    /// In the place of a current.
+    pub(super) power: Option<Quantity<Power>>,
     pub(super) duration: Quantity<Duration>,
 }
 
@@ -185,6 +206,12 @@ impl Default for Fit {
     }
 }
 
+fn three() -> usize {
+    3
+}
+fn flag() -> crate::plan::Missed {
+    crate::plan::Missed::Flag
+}
 fn yes() -> bool {
     true
 }

@@ -50,15 +50,28 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
     let temperature = raw.temperature.as_ref().map(|section| check.temperature(section)).transpose()?;
     let fixture_check = raw.fixture_check.as_ref().map(|section| check.fixture_check(section)).transpose()?;
     let soc_reset = raw.soc_reset.as_ref().map(|section| check.soc_reset(section)).transpose()?;
+    let ocv_soc = raw.ocv_soc.as_ref().map(|section| check.ocv_soc(section)).transpose()?;
     let eis = raw.eis.as_ref().map(|section| check.eis(section)).transpose()?;
+    let multisine = raw.multisine.as_ref().map(|section| check.multisine(section)).transpose()?;
     if fixture_check.is_some() && eis.is_none() {
         let reason = "expected a section [eis], whose frequencies the controls are measured at; with repeat = 0 the cell is left out";
         return Err(source.complain("fixture_check", reason));
     }
+    if let (Some(check), Some(eis)) = (&fixture_check, &eis)
+        && let (Some(first), Some(last)) = (check.beyond_hz.first(), eis.freqs_hz.last())
+        && first <= last
+    {
+        let reason = format!("expected frequencies beyond the sweep's last ({last} Hz), found {first} Hz");
+        return Err(source.complain("fixture_check.beyond", reason));
+    }
     let (traces, trace_sources) = check.traces(&raw.traces)?;
     let campaign = raw.campaign.as_ref().map(|section| check.campaign(section, (eis.as_ref(), &traces))).transpose()?;
-    if eis.as_ref().is_none_or(|eis| eis.repeat == 0) && traces.is_empty() {
-        return Err(source.complain("(whole file)", "expected a section [eis] with a repeat above 0, or a section [[traces]]"));
+    if campaign.is_some() && (ocv_soc.is_some() || multisine.is_some()) {
+        return Err(source.complain("campaign", "expected [campaign] without [ocv_soc] and [multisine]: its runs are sweeps and traces"));
+    }
+    if eis.as_ref().is_none_or(|eis| eis.repeat == 0) && traces.is_empty() && ocv_soc.is_none() && multisine.is_none() {
+        let reason = "expected a section [eis] with a repeat above 0, or a section [[traces]], [ocv_soc] or [multisine]";
+        return Err(source.complain("(whole file)", reason));
     }
     let fit = check.fit(&raw.fit, eis.as_ref().map_or(usize::MAX, |eis| eis.freqs_hz.len()))?;
     Ok(Experiment {
@@ -69,7 +82,9 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
         temperature,
         fixture_check,
         soc_reset,
+        ocv_soc,
         eis,
+        multisine,
         campaign,
         traces,
         fit,

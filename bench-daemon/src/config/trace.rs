@@ -35,10 +35,12 @@ pub struct Trace {
 /// A current for a while.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
-    /// Current, A, charge positive.
+    /// Current, A, charge positive; of a power, what it takes at the least voltage of the cell.
     pub current_a: f64,
     /// How long it flows, s.
     pub duration_s: f64,
+    /// Power into the cell, W, where it is given: the current follows from the voltage when it begins.
+    pub power_w: Option<f64>,
 }
 
 /// Shortest segment, s: a step must be found in the record before the next comes.
@@ -110,20 +112,26 @@ impl Check<'_> {
         let field = |part: &str| format!("traces.{}.{part}", raw.name);
         let (part, segments, source) = match (&raw.segments, &raw.file) {
             (Some(list), None) => {
-                let segments = list.iter().map(|raw| Segment { current_a: raw.current.si, duration_s: raw.duration.si }).collect();
+                let least_v = self.cell.limits.min_v;
+                let segment = |raw: &raw::Segment| match (raw.current, raw.power) {
+                    (Some(current), None) => Ok(Segment { current_a: current.si, duration_s: raw.duration.si, power_w: None }),
+                    (None, Some(power)) => Ok(of_power(power.si, raw.duration.si, least_v)),
+                    _ => Err(self.complain(&field("segments"), "expected a current or a power, and not both")),
+                };
+                let segments = list.iter().map(segment).collect::<Result<_, _>>()?;
                 ("segments", segments, None)
             }
             (None, Some(file)) => {
                 let source =
                     self.source.open(&self.source.relative(file)).map_err(|error| self.complain(&field("file"), error.to_string()))?;
-                ("file", table(&source)?, Some(source))
+                ("file", table(&source, self.cell.limits.min_v)?, Some(source))
             }
             _ => return Err(self.complain(&field("segments"), "expected segments or a file of them, and not both")),
         };
         if segments.is_empty() {
             return Err(self.complain(&field(part), "expected at least one segment, found none"));
         }
-        for Segment { current_a, duration_s } in &segments {
+        for Segment { current_a, duration_s, .. } in &segments {
             self.within(&field(part), *current_a, (-greatest_a, greatest_a), "A")?;
             self.within(&field(part), *duration_s, (SHORTEST_SEGMENT_S, 86_400.0), "s")?;
         }
@@ -131,20 +139,25 @@ impl Check<'_> {
     }
 }
 
-/// Rows of current and duration under the header `current_a,duration_s`.
-fn table(source: &Source) -> Result<Vec<Segment>, ConfigError> {
-    const HEADER: &str = "current_a,duration_s";
+/// A power at worst: the current that it takes at the least voltage.
+fn of_power(power_w: f64, duration_s: f64, least_v: f64) -> Segment {
+    Segment { current_a: power_w / least_v, duration_s, power_w: Some(power_w) }
+}
+
+/// Rows of current or power and duration under the header `current_a,duration_s` or `power_w,duration_s`.
+fn table(source: &Source, least_v: f64) -> Result<Vec<Segment>, ConfigError> {
+    const HEADERS: [&str; 2] = ["current_a,duration_s", "power_w,duration_s"];
     let complain =
-        |line: usize, reason: String| ConfigError::Field { path: source.path().to_owned(), line, field: HEADER.to_owned(), reason };
+        |line: usize, reason: String| ConfigError::Field { path: source.path().to_owned(), line, field: HEADERS[0].to_owned(), reason };
     let mut lines = source.text().lines().enumerate().map(|(index, line)| (index + 1, line.trim()));
-    match lines.next() {
-        Some((_, HEADER)) => {}
-        other => return Err(complain(1, format!("expected the header {HEADER}, found {:?}", other.map_or("", |(_, line)| line)))),
-    }
+    let found = lines.next().map_or("", |(_, line)| line);
+    let Some(header) = HEADERS.iter().position(|header| *header == found) else {
+        return Err(complain(1, format!("expected the header {} or {}, found {found:?}", HEADERS[0], HEADERS[1])));
+    };
     let row = |(line, text): (usize, &str)| {
-        let parsed =
-            text.split_once(',').and_then(|(a, b)| Some(Segment { current_a: a.trim().parse().ok()?, duration_s: b.trim().parse().ok()? }));
-        parsed.ok_or_else(|| complain(line, format!("expected two numbers, found {text:?}")))
+        let numbers = text.split_once(',').and_then(|(a, b)| Some((a.trim().parse::<f64>().ok()?, b.trim().parse::<f64>().ok()?)));
+        let (value, duration_s) = numbers.ok_or_else(|| complain(line, format!("expected two numbers, found {text:?}")))?;
+        Ok(if header == 0 { Segment { current_a: value, duration_s, power_w: None } } else { of_power(value, duration_s, least_v) })
     };
     lines.filter(|(_, text)| !text.is_empty()).map(row).collect()
 }

@@ -9,7 +9,11 @@ use instruments::{
 };
 
 use super::{ExecuteError, Executor, POLL_S, require};
-use crate::{config::LOAD_CUT_OFF_V, interlock::Reading, plan::Step};
+use crate::{
+    config::LOAD_CUT_OFF_V,
+    interlock::Reading,
+    plan::{Missed, Step},
+};
 
 /// Seconds between two readings while nothing flows.
 const REST_POLL_S: f64 = 10.0;
@@ -20,7 +24,51 @@ const STEADY_S: f64 = 60.0;
 /// Readings after which a current must have come up.
 const RISE_POLLS: u32 = 3;
 
+/// The end of a charge is moved by this much at most, V.
+const GREATEST_SHIFT_V: f64 = 0.1;
+/// The end of a charge lies this far below the limit of the supply at least, V: there the current dies away.
+const BELOW_LIMIT_V: f64 = 0.02;
+
+/// Where the reset of the state of charge stands.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Reset {
+    /// Voltage after the rest, V, and whether it was steady.
+    rested: Option<(f64, bool)>,
+    /// The end of the next charge is moved by this, V.
+    shift_v: f64,
+    /// The cell is where it should be: nothing is left to do.
+    pub(super) accepted: bool,
+}
+
 impl Executor<'_> {
+    /// By band and by slope: a cell that passes the band on its way is not at rest in it.
+    pub(super) fn accept(&mut self, (low_v, high_v): (f64, f64), missed: Option<Missed>) -> Result<(), ExecuteError> {
+        let (volts, steady) = self.reset.rested.unwrap_or((f64::NAN, false));
+        if steady && (low_v..=high_v).contains(&volts) {
+            self.reset.accepted = true;
+            return Ok(());
+        }
+        let met = format!("{volts:.4} V, {}", if steady { "steady" } else { "still moving" });
+        let expected = format!("{low_v} V to {high_v} V at rest");
+        match missed {
+            None => {
+                let shift_v = self.reset.shift_v + 0.5 * (low_v + high_v) - volts;
+                self.reset.shift_v = if shift_v.is_nan() { 0.0 } else { shift_v.clamp(-GREATEST_SHIFT_V, GREATEST_SHIFT_V) };
+                let shift_mv = 1.0e3 * self.reset.shift_v;
+                Ok(self.recorder.event(&format!(
+                    "SOC reset: expected {expected}, found {met}; again, the end of the charge moved by {shift_mv:+.1} mV"
+                ))?)
+            }
+            Some(Missed::Flag) => {
+                self.recorder.warning(&format!(
+                    "SOC reset: expected {expected}, found {met}: the state of charge is not the one that was asked for"
+                ));
+                Ok(())
+            }
+            Some(Missed::Refuse) => Err(ExecuteError::Disobeyed { what: "cell after the SOC reset".to_owned(), expected, met }),
+        }
+    }
+
     pub(super) async fn hold_temperature(&mut self, step: &Step) -> Result<(), ExecuteError> {
         let Step::HoldTemperature { setpoint_c, within_k, max_s } = *step else { return Ok(()) };
         let error = self.bench.error("chiller");
@@ -77,6 +125,7 @@ impl Executor<'_> {
 
     pub(super) async fn charge(&mut self, step: &Step) -> Result<(), ExecuteError> {
         let Step::Charge { current_a, limit_v, until_v, max_s } = *step else { return Ok(()) };
+        let until_v = (until_v + self.reset.shift_v).min(limit_v - BELOW_LIMIT_V);
         let idle_v = self.idle_volts("charge").await?;
         if idle_v >= until_v {
             tracing::info!("already at {idle_v:.3} V: nothing to charge");
@@ -130,6 +179,7 @@ impl Executor<'_> {
             let slope = slope(&window);
             if rested_s >= min_s.max(SLOPE_SPAN_S) && slope.abs() < slope_v_per_s {
                 tracing::info!("rested to {volts:.4} V in {rested_s:.0} s");
+                self.reset.rested = Some((volts, true));
                 return Ok(());
             }
             if rested_s > max_s {
@@ -141,13 +191,14 @@ impl Executor<'_> {
                 };
                 tracing::warn!("{text}");
                 self.recorder.warning(&text);
+                self.reset.rested = Some((volts, false));
                 return Ok(());
             }
         }
     }
 
     /// The cell's voltage before anything is switched on: a cell that is missing, reversed, ruined or too hot must not be driven.
-    async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
+    pub(super) async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
         let volts = self.load_volts().await?.0;
         let temperature_c = self.cell_temperature().await?;
         let reading = Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), temperature_c, ..Reading::default() };
@@ -155,19 +206,19 @@ impl Executor<'_> {
         Ok(volts)
     }
 
-    async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
+    pub(super) async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
         let error = self.bench.error("load");
         let (volts, amps) = require(&mut self.bench.load, "load")?.measure().await.map_err(error)?;
         Ok((volts.value(), amps.value()))
     }
 }
 
-fn bound(step: &Step, passed_s: f64, max_s: f64, state: impl Fn() -> String) -> Result<(), ExecuteError> {
+pub(super) fn bound(step: &impl std::fmt::Display, passed_s: f64, max_s: f64, state: impl Fn() -> String) -> Result<(), ExecuteError> {
     if passed_s <= max_s { Ok(()) } else { Err(ExecuteError::Bound { step: step.to_string(), max_s, state: state() }) }
 }
 
 /// A current that does not come means a lead that is off, a fuse, a wrong cell: nothing to wait for.
-fn follows(what: &str, poll: u32, commanded_a: f64, met_a: f64) -> Result<(), ExecuteError> {
+pub(super) fn follows(what: &str, poll: u32, commanded_a: f64, met_a: f64) -> Result<(), ExecuteError> {
     if poll < RISE_POLLS || (met_a - commanded_a).abs() <= 0.1 * commanded_a + 0.05 {
         return Ok(());
     }

@@ -21,7 +21,12 @@ impl<'a> Entrance<'a> {
 
     /// What is clamped is clamped anew, what is powered is powered anew, as long as anything is left to be measured.
     pub(super) fn plays(&self, stage: &Stage, (index, step): (usize, &Step)) -> bool {
-        let sine = |(at, step): (usize, &Step)| matches!(step, Step::Sine { .. }) && self.point(at).is_none();
+        let sine = |(at, step): (usize, &Step)| match step {
+            Step::Sine { .. } => self.point(at).is_none(),
+            // Whether it was done is not asked: done again, it finds nothing to do.
+            Step::Recheck { .. } => true,
+            _ => false,
+        };
         let idle = !self.points.is_empty() && !stage.steps.iter().enumerate().any(sine);
         let clamps = matches!(step, Step::Specimen(..) | Step::Mount(_));
         self.point(index).is_none() && !idle && (index >= self.from || clamps)
@@ -47,6 +52,11 @@ mod tests {
             residual_lag1: 0.0,
             beside: crate::executor::Beside::default(),
             warnings: Vec::new(),
+            time_s: 0.0,
+            captures: 1,
+            rechecked: 0,
+            measures: crate::quality::Measures::default(),
+            failing: Vec::new(),
         };
         PointDone { stage: 0, step, files: Vec::new(), idle: Reading::default(), point }
     }

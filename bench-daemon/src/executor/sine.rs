@@ -19,6 +19,7 @@ use super::{
 use crate::{
     config::Eis,
     plan::{MAX_RANGING, Step, fixture_name},
+    quality::{Failing, Measures, measure},
     record::{CaptureFile, code_scale},
 };
 
@@ -64,10 +65,21 @@ pub struct SweepPoint {
     pub beside: Beside,
     /// What is odd about it.
     pub warnings: Vec<String>,
+    /// Bench time of the middle of its record, s, to a period and a half.
+    pub time_s: f64,
+    /// Records that were taken of it.
+    pub captures: usize,
+    /// How often it was measured again because the finished sweep refused it.
+    pub rechecked: usize,
+    /// What its record says of its own quality.
+    pub measures: Measures,
+    /// What of that the quality gate refuses.
+    pub failing: Vec<Failing>,
 }
 
 impl Executor<'_> {
-    pub(super) async fn sine(&mut self, fixture: Fixture, step: &Step) -> Result<SweepPoint, ExecuteError> {
+    /// Drives, captures and analyses one point; `taken` records of it are there already.
+    pub(super) async fn sine(&mut self, fixture: Fixture, step: &Step, taken: usize) -> Result<SweepPoint, ExecuteError> {
         let Step::Sine { index, freq_hz, amplitude_a, wait_s } = *step else {
             return Err(ExecuteError::Signal { freq_hz: 0.0, reason: "not a sine step".to_owned() });
         };
@@ -77,21 +89,32 @@ impl Executor<'_> {
         self.drive(freq_hz, amplitude_a).await?;
         let scope = require(&mut self.bench.scope, "scope")?.capabilities();
         if self.verticals[0].is_none() {
-            self.first_ranges(fixture, amplitude_a, &scope).await?;
+            // Those of the controls, whatever the amplitude: a gain belongs to a range.
+            self.first_ranges(fixture, eis.amplitude_a, &scope).await?;
         }
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
             let waveforms = self.capture(eis, (freq_hz, wait_s), fixture).await?;
-            let file = CaptureFile { fixture, repeat: self.repeat, index, attempt, freq_hz, amplitude_a, start_s: self.clock.now_s() };
+            let length_s = waveforms[0].interval_s * waveforms[0].codes.len() as f64;
+            let (attempt_in_all, time_s) = (taken + attempt, self.stopped_s - 0.5 * length_s);
+            let file = CaptureFile {
+                fixture,
+                repeat: self.repeat,
+                index,
+                attempt: attempt_in_all,
+                freq_hz,
+                amplitude_a,
+                start_s: self.clock.now_s(),
+            };
             self.recorder.capture(&file, &waveforms)?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
-            if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {
+            if ranged.is_empty() || (attempt == MAX_RANGING && (!clipped || eis.quality.is_some())) {
                 warnings.extend(ranged);
                 let asked = Asked { fixture, index, freq_hz, mains_hz: eis.mains_hz };
                 let point = analyse(&asked, &waveforms, warnings)?;
                 self.check_current(&point, amplitude_a)?;
-                return Ok(point);
+                return Ok(SweepPoint { time_s, captures: attempt_in_all + 1, ..point });
             }
             tracing::info!("{} point {}: measured again: {}", fixture_name(fixture), index + 1, ranged.join("; "));
             warnings.push(format!("measured again: {}", ranged.join("; ")));
@@ -115,7 +138,7 @@ impl Executor<'_> {
     }
 
     /// The configured scales, with the cell's voltage brought to the centre of channel 4.
-    async fn first_ranges(&mut self, fixture: Fixture, amplitude_a: f64, scope: &Capabilities) -> Result<(), ExecuteError> {
+    pub(super) async fn first_ranges(&mut self, fixture: Fixture, amplitude_a: f64, scope: &Capabilities) -> Result<(), ExecuteError> {
         let cell_v = if fixture == Fixture::Cell { self.read_supply4q().await?.voltage_v.unwrap_or(0.0) } else { 0.0 };
         for (slot, channel) in (1..=4_u8).enumerate() {
             let per_div = Volts(self.experiment.bench.wiring.scale_per_ampere_v[slot] * amplitude_a);
@@ -150,6 +173,7 @@ impl Executor<'_> {
         self.wait_watching(wait_s, fixture).await?;
         let scope = require(&mut self.bench.scope, "scope")?;
         scope.stop().await.map_err(&error)?;
+        self.stopped_s = self.clock.now_s();
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
             waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, points).await.map_err(&error)?);
@@ -183,7 +207,7 @@ impl Executor<'_> {
     }
 
     /// New settings for the channels that clipped or were too small, in words; the trigger level and the offsets follow the signal.
-    fn range_again(&mut self, waveforms: &[Waveform; 4], scope: &Capabilities) -> Vec<String> {
+    pub(super) fn range_again(&mut self, waveforms: &[Waveform; 4], scope: &Capabilities) -> Vec<String> {
         let mut changes = Vec::new();
         for (slot, waveform) in waveforms.iter().enumerate() {
             let Some(vertical) = self.verticals[slot] else { continue };
@@ -273,7 +297,23 @@ fn analyse(asked: &Asked, waveforms: &[Waveform; 4], mut warnings: Vec<String>) 
     let phasors = ChannelPhasors::from_codes(&fit, lsb_v).map_err(|error| fail(error.to_string()))?;
     let volts_per_div = [0, 1, 2, 3].map(|slot: usize| waveforms[slot].preamble.volts_per_div);
     let beside = beside(&record, freq_hz);
-    Ok(SweepPoint { fixture, index, phasors, volts_per_div, free_freq_hz: free.freq_hz, residual_lag1, beside, warnings })
+    let clipped = waveforms.iter().map(Waveform::clipped_share).fold(0.0, f64::max);
+    let measures = measure(&record, (&phasors, &beside), clipped);
+    Ok(SweepPoint {
+        fixture,
+        index,
+        phasors,
+        volts_per_div,
+        free_freq_hz: free.freq_hz,
+        residual_lag1,
+        beside,
+        warnings,
+        time_s: 0.0,
+        captures: 1,
+        rechecked: 0,
+        measures,
+        failing: Vec::new(),
+    })
 }
 
 /// What is odd about a fit, in words. Harmonics and mains beyond half the sampling rate are no news, nor is a mains of less than a period in the

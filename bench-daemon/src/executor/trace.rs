@@ -137,8 +137,9 @@ impl Executor<'_> {
                     filled_s = self.clock.now_s() + frame.span_s + FILL_S;
                 }
                 Action::Level(level) => {
-                    commanded.push((self.clock.now_s(), level.current_a));
-                    self.command(level.current_a).await?;
+                    let current_a = if level.power_w.is_some() { level.at_a(self.jig_volts().await?) } else { level.current_a };
+                    commanded.push((self.clock.now_s(), current_a));
+                    self.command(current_a).await?;
                 }
                 Action::Fetch(frame) => {
                     self.wait_until(filled_s).await?;
@@ -162,6 +163,11 @@ impl Executor<'_> {
             self.clock.sleep_s(POLL_S).await;
             self.watch("trace", Fixture::Cell).await?;
         }
+    }
+
+    /// The voltage at the jig just now, V; one that is no number would make no power.
+    async fn jig_volts(&mut self) -> Result<f64, ExecuteError> {
+        Ok(self.watch("trace", Fixture::Cell).await?.voltage_v.unwrap_or(f64::INFINITY))
     }
 
     /// Scales that hold the whole trace, with the cell's voltage at rest in the centre of channel 4.

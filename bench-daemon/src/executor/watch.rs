@@ -5,7 +5,7 @@ use instruments::mock::plant::Fixture;
 use super::{ExecuteError, Executor, POLL_S, require};
 use crate::{
     interlock::{Allowance, NO_CURRENT_A, Reading},
-    plan::Step,
+    plan::{Flow, Step},
 };
 
 /// The gain error of a meter, as part of a step's envelope.
@@ -33,13 +33,28 @@ impl Executor<'_> {
                 let limits = cell.bounded(drawn(current_a), NO_CURRENT_A);
                 Allowance { held_v: limit_v - HELD_V, ..live(limits, (-drift_c, settings.charge_c)) }
             }
+            Step::Leg(leg) => {
+                let (charge_a, discharge_a) = leg.most_a();
+                match leg.flow {
+                    Flow::Discharge { .. } => live(cell.bounded(NO_CURRENT_A, drawn(discharge_a)), (-settings.charge_c, drift_c)),
+                    Flow::Charge { limit_v, .. } => Allowance {
+                        held_v: limit_v - HELD_V,
+                        ..live(cell.bounded(drawn(charge_a), NO_CURRENT_A), (-drift_c, settings.charge_c))
+                    },
+                    Flow::Rest => idle,
+                }
+            }
             Step::PowerUp { limit_a, .. } => live(cell.bounded(limit_a, limit_a), sweep_c(0.0)),
             // Between power-up and power-down the limit of the power-up holds, and the charge counts on. Half a period moves A/(πf).
             Step::Sine { freq_hz, amplitude_a, .. } => {
                 let swing_c = amplitude_a / (std::f64::consts::PI * freq_hz);
                 Allowance { continues: true, ..live(in_work, sweep_c(swing_c)) }
             }
-            Step::PowerDown => Allowance { continues: true, ..live(in_work, idle.charge_c) },
+            Step::Multisine(ref band) => {
+                let swing_c = band.peak_a / (std::f64::consts::PI * band.base_hz);
+                Allowance { continues: true, ..live(in_work, sweep_c(swing_c)) }
+            }
+            Step::PowerDown | Step::Recheck { .. } => Allowance { continues: true, ..live(in_work, idle.charge_c) },
             Step::Trace(ref trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
                 let (least_c, greatest_c) = trace.swing_c();
@@ -47,7 +62,7 @@ impl Executor<'_> {
                 live(limits, (METER_GAIN * least_c - drift_c, METER_GAIN * greatest_c + drift_c))
             }
             Step::HoldTemperature { .. } => Allowance { tempering: true, ..idle },
-            Step::Specimen(..) | Step::Mount(_) | Step::Pause { .. } | Step::Zero(_) | Step::Rest { .. } => idle,
+            Step::Specimen(..) | Step::Mount(_) | Step::Accept { .. } | Step::Pause { .. } | Step::Zero(_) | Step::Rest { .. } => idle,
         }
     }
 

@@ -82,7 +82,7 @@ fn bring((experiment, first): (&mut Experiment, &Experiment), set: &DataSet, (ru
 fn trace(first: &Experiment, (run, ocv): (&PlannedRun, &OcvCurve), segments: &[(f64, f64)]) -> Result<Trace, String> {
     let like = first.traces.first().ok_or("the campaign has no trace to take its sampling from")?;
     let (middle_v, limits) = (ocv.voltage_v(run.soc), &first.cell.limits);
-    let segment = |(span_s, amps): &(f64, f64)| Segment { current_a: 0.0 - amps, duration_s: span_s.max(SHORTEST_S) };
+    let segment = |(span_s, amps): &(f64, f64)| Segment { current_a: 0.0 - amps, duration_s: span_s.max(SHORTEST_S), power_w: None };
     Ok(Trace {
         name: run.name.clone(),
         role: Role::Train,

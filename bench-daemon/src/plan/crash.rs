@@ -26,8 +26,9 @@ impl Step {
             | Self::Zero(_)
             | Self::PowerDown => AfterCrash::Repeat,
             // A sinusoid takes back what it gives.
-            Self::Sine { .. } => AfterCrash::Repeat,
-            Self::Discharge { .. } | Self::Charge { .. } => AfterCrash::Absolute,
+            Self::Sine { .. } | Self::Multisine(_) | Self::Recheck { .. } => AfterCrash::Repeat,
+            // What a cell has come to is judged only behind the rest that it came to it in; legs begin with a full cell.
+            Self::Discharge { .. } | Self::Charge { .. } | Self::Accept { .. } | Self::Leg(_) => AfterCrash::Absolute,
             Self::Trace(_) => AfterCrash::Unknown,
         }
     }

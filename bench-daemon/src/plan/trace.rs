@@ -36,8 +36,18 @@ pub struct TracePlan {
 pub struct Level {
     /// When, s.
     pub at_s: f64,
-    /// Current, A, charge positive.
+    /// Current, A, charge positive; of a power, at worst.
     pub current_a: f64,
+    /// Power into the cell, W, where that is given in its place.
+    pub power_w: Option<f64>,
+}
+
+impl Level {
+    /// The current at a voltage of the cell, A: never more than at worst.
+    pub fn at_a(&self, volts: f64) -> f64 {
+        let most_a = self.current_a.abs();
+        self.power_w.map_or(self.current_a, |power_w| (power_w / volts).clamp(-most_a, most_a))
+    }
 }
 
 /// The scope looks.
@@ -139,7 +149,7 @@ pub(crate) fn test_trace() -> TracePlan {
         role: analysis::dataset::Role::Train,
         repeat_group: "t".to_owned(),
         rest_s: 0.0,
-        levels: vec![Level { at_s: 0.5, current_a: -1.0 }, Level { at_s: 5.5, current_a: 0.0 }],
+        levels: vec![Level { at_s: 0.5, current_a: -1.0, power_w: None }, Level { at_s: 5.5, current_a: 0.0, power_w: None }],
         frames: Vec::new(),
         start_v: (3.6, 3.8),
         resistance_max_ohm: 0.03,

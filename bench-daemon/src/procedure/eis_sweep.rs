@@ -4,7 +4,7 @@
 use instruments::mock::plant::Fixture;
 
 use crate::{
-    config::Eis,
+    config::{Eis, Order},
     interlock::Limits,
     plan::{Purpose, Stage, Step},
 };
@@ -23,29 +23,87 @@ const TRIGGER_PERIODS: f64 = 1.5;
 /// For the scope to take the frame, s.
 const FRAME_MARGIN_S: f64 = 0.2;
 
-/// `repeat` is 0 where the fixture is a control. `held`: the bipolar supply limits its current by itself.
-pub(super) fn stage((fixture, repeat, held): (Fixture, usize, bool), eis: &Eis, limits: &Limits, screen_s: impl Fn(f64) -> f64) -> Stage {
+/// One sweep.
+pub(super) struct Sweep<'a> {
+    /// What is swept.
+    pub(super) fixture: Fixture,
+    /// 0 where the fixture is a control.
+    pub(super) repeat: usize,
+    /// Amplitude, A.
+    pub(super) amplitude_a: f64,
+    /// The bipolar supply limits its current by itself.
+    pub(super) held: bool,
+    /// Frequencies beyond those of the sweep, for a control, Hz.
+    pub(super) beyond_hz: &'a [f64],
+    /// Seed of the order.
+    pub(super) seed: u64,
+}
+
+pub(super) fn stage(sweep: &Sweep<'_>, eis: &Eis, limits: &Limits, screen_s: impl Fn(f64) -> f64) -> Stage {
+    let Sweep { fixture, repeat, amplitude_a, held, .. } = *sweep;
     let mut steps = vec![Step::Mount(fixture)];
     if fixture == Fixture::Cell && eis.rest_s > 0.0 {
         steps.push(Step::Pause { span_s: eis.rest_s });
     }
     steps.push(Step::PowerUp {
-        compliance_v: limits.max_v + (LOOP_OHM * eis.amplitude_a).max(COMPLIANCE_MARGIN_V),
-        limit_a: LIMIT_FACTOR * eis.amplitude_a + LIMIT_MARGIN_A,
+        compliance_v: limits.max_v + (LOOP_OHM * amplitude_a).max(COMPLIANCE_MARGIN_V),
+        limit_a: LIMIT_FACTOR * amplitude_a + LIMIT_MARGIN_A,
         held,
     });
-    for (index, &freq_hz) in eis.freqs_hz.iter().enumerate() {
+    for (index, freq_hz) in frequencies(sweep, eis).into_iter().enumerate() {
         let thesis_s = eis.periods / freq_hz + eis.extra_wait_s;
         let frame_s = screen_s(eis.periods_on_screen / freq_hz) + TRIGGER_PERIODS / freq_hz + FRAME_MARGIN_S;
-        steps.push(Step::Sine { index, freq_hz, amplitude_a: eis.amplitude_a, wait_s: thesis_s.max(frame_s) });
+        steps.push(Step::Sine { index, freq_hz, amplitude_a, wait_s: thesis_s.max(frame_s) });
+    }
+    if let Some(quality) = eis.quality.filter(|quality| repeat > 0 && quality.again > 0) {
+        steps.push(Step::Recheck { max_s: quality.time_s, charge_c: quality.charge_c });
     }
     steps.push(Step::PowerDown);
     Stage { purpose: Purpose::Sweep(fixture, repeat), steps }
 }
 
+/// The frequencies in their order. A control does not change, and is swept upwards. There and back, each frequency has the same middle of its two visits.
+fn frequencies(sweep: &Sweep<'_>, eis: &Eis) -> Vec<f64> {
+    let rising = &eis.freqs_hz;
+    if sweep.repeat == 0 {
+        return rising.iter().chain(sweep.beyond_hz).copied().collect();
+    }
+    let mut order: Vec<f64> = match eis.order {
+        Order::Ascending => rising.clone(),
+        Order::Descending => rising.iter().rev().copied().collect(),
+        Order::Alternating => {
+            let count = rising.len();
+            (0..count).map(|k| if k % 2 == 0 { rising[k / 2] } else { rising[count - 1 - k / 2] }).collect()
+        }
+        Order::Random => shuffled(rising, sweep.seed.wrapping_add(sweep.repeat as u64)),
+    };
+    if eis.compensate_drift {
+        order.extend(order.clone().into_iter().rev());
+    }
+    order
+}
+
+/// Fisher and Yates, with SplitMix64 (Steele, Lea and Flood 2014) as the source of numbers.
+fn shuffled(values: &[f64], mut state: u64) -> Vec<f64> {
+    let mut next = || {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    };
+    let mut values = values.to_vec();
+    for k in (1..values.len()).rev() {
+        values.swap(k, (next() % (k as u64 + 1)) as usize);
+    }
+    values
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const SWEEP: Sweep<'_> = Sweep { fixture: Fixture::Cell, repeat: 1, amplitude_a: 1.0, held: true, beyond_hz: &[], seed: 1 };
 
     #[test]
     fn every_point_waits_eleven_periods_and_a_second_and_a_whole_frame() {
@@ -61,9 +119,13 @@ mod tests {
             record_points: 10_000,
             memory_points: 1_000_000,
             mains_hz: None,
+            order: Order::Ascending,
+            steps_a: vec![1.0],
+            compensate_drift: false,
+            quality: None,
         };
         let limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
-        let stage = stage((Fixture::Cell, 1, true), &eis, &limits, |span_s| 2.5 * span_s);
+        let stage = stage(&SWEEP, &eis, &limits, |span_s| 2.5 * span_s);
         let waits: Vec<(f64, f64)> = stage
             .steps
             .iter()
@@ -76,5 +138,39 @@ mod tests {
         assert!(
             matches!(stage.steps[1], Step::PowerUp { compliance_v, limit_a, .. } if (compliance_v - 4.5).abs() < 1e-9 && limit_a == 2.0)
         );
+    }
+
+    #[test]
+    fn the_frequencies_come_in_any_order_and_there_and_back() {
+        let eis = |order, compensate_drift| Eis {
+            fixture: Fixture::Cell,
+            repeat: 1,
+            rest_s: 0.0,
+            freqs_hz: vec![1.0, 2.0, 3.0, 4.0, 5.0],
+            amplitude_a: 1.0,
+            periods: 11.0,
+            extra_wait_s: 1.0,
+            periods_on_screen: 5.0,
+            record_points: 10_000,
+            memory_points: 1_000_000,
+            mains_hz: None,
+            order,
+            steps_a: vec![1.0],
+            compensate_drift,
+            quality: None,
+        };
+        let ordered = |order| frequencies(&SWEEP, &eis(order, false));
+        assert_eq!(ordered(Order::Ascending), [1.0, 2.0, 3.0, 4.0, 5.0]);
+        assert_eq!(ordered(Order::Descending), [5.0, 4.0, 3.0, 2.0, 1.0]);
+        assert_eq!(ordered(Order::Alternating), [1.0, 5.0, 2.0, 4.0, 3.0]);
+        let random = ordered(Order::Random);
+        let mut sorted = random.clone();
+        sorted.sort_by(f64::total_cmp);
+        assert!(sorted == [1.0, 2.0, 3.0, 4.0, 5.0] && random != sorted, "{random:?}");
+        assert_eq!(random, ordered(Order::Random), "the same from the same seed");
+        assert_ne!(random, frequencies(&Sweep { repeat: 2, ..SWEEP }, &eis(Order::Random, false)), "another one for the next sweep");
+        assert_eq!(frequencies(&SWEEP, &eis(Order::Alternating, true)), [1.0, 5.0, 2.0, 4.0, 3.0, 3.0, 4.0, 2.0, 5.0, 1.0]);
+        let control = Sweep { fixture: Fixture::Shunt, repeat: 0, beyond_hz: &[9.0], ..SWEEP };
+        assert_eq!(frequencies(&control, &eis(Order::Random, true)), [1.0, 2.0, 3.0, 4.0, 5.0, 9.0]);
     }
 }

@@ -2,6 +2,8 @@
 
 mod campaign;
 mod eis_sweep;
+mod multisine;
+mod ocv_soc;
 mod soc_reset;
 mod trace;
 
@@ -12,7 +14,7 @@ use crate::{
     plan::{Plan, Purpose, Stage, Step},
 };
 
-/// The whole experiment as a plan: fixture check, temperature, SOC reset, then rounds of one sweep and each trace, as often as each is to be repeated;
+/// The whole experiment as a plan: fixture check, temperature, OCV over SOC, SOC reset, then rounds of one sweep and each trace, as often as each is to be repeated;
 /// in a campaign SOC reset, temperature, sweep and traces for every run. The controls come first, so that the cell is put into
 /// the jig once, after the last of them, and nothing has to be clamped where it sits.
 pub fn plan(experiment: &Experiment) -> Plan {
@@ -20,12 +22,15 @@ pub fn plan(experiment: &Experiment) -> Plan {
     let supply = experiment.bench.instruments.supply4q.as_ref().and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
     let held = supply.is_some_and(|dialect| dialect.capabilities().current_limit);
     let limits = &experiment.cell.limits;
-    let sweep = |fixture, repeat| {
+    let beyond_hz = experiment.fixture_check.as_ref().map_or(&[][..], |check| &check.beyond_hz);
+    let sweep = |fixture, repeat, amplitude_a| {
         let eis = experiment.eis.as_ref()?;
-        Some(eis_sweep::stage((fixture, repeat, held), eis, limits, time_base(experiment)))
+        let sweep = eis_sweep::Sweep { fixture, repeat, amplitude_a, held, beyond_hz, seed: experiment.seed };
+        Some(eis_sweep::stage(&sweep, eis, limits, time_base(experiment)))
     };
+    let amplitude_a = experiment.eis.as_ref().map_or(0.0, |eis| eis.amplitude_a);
     for (control, _) in experiment.fixture_check.iter().flat_map(|check| &check.controls) {
-        stages.extend(sweep(*control, 0));
+        stages.extend(sweep(*control, 0, amplitude_a));
     }
     let temperature = experiment.temperature.as_ref().map(temperature);
     if let Some(campaign) = &experiment.campaign {
@@ -33,19 +38,29 @@ pub fn plan(experiment: &Experiment) -> Plan {
         for run in campaign.runs() {
             let traces =
                 experiment.traces.iter().map(|trace| trace::stage((trace, run.number), &experiment.cell, held, time_base(experiment)));
-            let parts = reset.clone().into_iter().chain(temperature.clone()).chain(sweep(Fixture::Cell, run.number)).chain(traces);
+            let parts =
+                reset.clone().into_iter().chain(temperature.clone()).chain(sweep(Fixture::Cell, run.number, amplitude_a)).chain(traces);
             stages.extend(parts.map(|stage| campaign::of_run(stage, &run)));
         }
         return Plan { stages };
     }
     stages.extend(temperature);
+    if let Some(ocv) = &experiment.ocv_soc {
+        stages.push(ocv_soc::stage(ocv, &experiment.cell));
+    }
     if let Some(reset) = &experiment.soc_reset {
         stages.push(soc_reset::stage(reset));
     }
     let sweeps = experiment.eis.as_ref().map_or(0, |eis| eis.repeat);
+    let sweeps = experiment.multisine.as_ref().map_or(sweeps, |multisine| sweeps.max(multisine.repeat));
     let rounds = experiment.traces.iter().map(|trace| trace.repeat).fold(sweeps, usize::max);
     for round in 1..=rounds {
-        stages.extend(experiment.eis.as_ref().filter(|eis| round <= eis.repeat).and_then(|eis| sweep(eis.fixture, round)));
+        for eis in experiment.eis.iter().filter(|eis| round <= eis.repeat) {
+            let before = (round - 1) * eis.steps_a.len();
+            stages.extend(eis.steps_a.iter().enumerate().filter_map(|(k, amplitude_a)| sweep(eis.fixture, before + k + 1, *amplitude_a)));
+        }
+        let due = experiment.multisine.iter().filter(|multisine| round <= multisine.repeat);
+        stages.extend(due.map(|multisine| multisine::stage((multisine, round), limits, (held, experiment.seed))));
         let due = experiment.traces.iter().filter(|trace| round <= trace.repeat);
         stages.extend(due.map(|trace| trace::stage((trace, round), &experiment.cell, held, time_base(experiment))));
     }

@@ -63,16 +63,18 @@ fn hundredths(value: f64) -> f64 {
 
 /// The steps of the current; equal neighbours are one, and nothing flows at the end.
 fn levels(trace: &Trace) -> Vec<Level> {
-    let (mut levels, mut flowing_a, mut at_s): (Vec<Level>, f64, f64) = (Vec::new(), 0.0, BEFORE_S);
-    for Segment { current_a, duration_s } in trace.segments.iter().copied() {
-        if current_a != flowing_a {
-            levels.push(Level { at_s, current_a });
-            flowing_a = current_a;
+    let (mut levels, mut flowing, mut at_s): (Vec<Level>, _, f64) = (Vec::new(), (0.0, None), BEFORE_S);
+    for Segment { current_a, duration_s, power_w } in trace.segments.iter().copied() {
+        // Without a current there is no power either.
+        let power_w = power_w.filter(|_| current_a != 0.0);
+        if (current_a, power_w) != flowing {
+            levels.push(Level { at_s, current_a, power_w });
+            flowing = (current_a, power_w);
         }
         at_s += duration_s;
     }
-    if flowing_a != 0.0 || levels.is_empty() {
-        levels.push(Level { at_s, current_a: 0.0 });
+    if flowing.0 != 0.0 || levels.is_empty() {
+        levels.push(Level { at_s, current_a: 0.0, power_w: None });
     }
     levels
 }
@@ -127,7 +129,7 @@ mod tests {
             rest_s: 0.0,
             start_v: (3.6, 3.8),
             resistance_max_ohm: 0.03,
-            segments: segments.iter().map(|&(current_a, duration_s)| Segment { current_a, duration_s }).collect(),
+            segments: segments.iter().map(|&(current_a, duration_s)| Segment { current_a, duration_s, power_w: None }).collect(),
             first_sample_s: 0.002,
             growth: 0.25,
             longest_s: 10.0,

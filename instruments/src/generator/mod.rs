@@ -21,6 +21,21 @@ pub struct Sine {
     pub offset: Volts,
 }
 
+/// A periodic signal of any shape with an offset.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wave {
+    /// Its name in the instrument: a letter, then letters and digits.
+    pub name: String,
+    /// One period in equal steps, −1 … 1 of the amplitude; a power of two, at most what the model holds.
+    pub steps: Vec<f64>,
+    /// Periods per second.
+    pub freq: Hertz,
+    /// Amplitude, zero to peak.
+    pub amplitude: Volts,
+    /// Offset.
+    pub offset: Volts,
+}
+
 /// What a model can do.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Capabilities {
@@ -42,6 +57,18 @@ pub trait Dialect: Model {
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange>;
     /// A sine; the output stays as it is.
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange>;
+    /// Most steps of a wave; none where the model plays no waves.
+    fn wave_steps(&self) -> Option<usize> {
+        None
+    }
+    /// A wave; the output stays as it is.
+    fn wave(&self, channel: u8, wave: &Wave) -> Vec<Exchange> {
+        let _ = channel;
+        vec![Exchange::Refuse {
+            message: wave.name.clone(),
+            reason: "expected a model that plays waves, found one that plays sines".to_owned(),
+        }]
+    }
     /// The least sine around an offset, everything else that could move the output off; the output stays as it is.
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
 }
@@ -69,6 +96,20 @@ impl Instrument<dyn Dialect> {
             Err(LinkError::ReadBack { .. }) => play(&mut self.link, &script).await,
             outcome => outcome,
         }
+    }
+
+    /// Most steps of a wave; none where the model plays no waves.
+    pub fn wave_steps(&self) -> Option<usize> {
+        self.dialect.wave_steps()
+    }
+
+    /// Loads a wave, plays it and reads back what can be read back: its name, its frequency, its amplitude, not its shape.
+    ///
+    /// # Errors
+    /// As [`Self::sine`].
+    pub async fn wave(&mut self, wave: &Wave) -> Result<(), LinkError> {
+        let script = self.dialect.wave(self.output_channel(), wave);
+        play(&mut self.link, &script).await
     }
 
     /// As near to a steady offset as the instrument comes: its least sine, never another waveform that could bring an old amplitude back.

@@ -1,11 +1,11 @@
 //! Siglent SDG1000X (and 2000X/6000X): one keyword-list command per channel, read back whole, silently clamped when out of range; no error queue
 //! to rely on (programming guide PG02-E05B).
 
-use super::{Capabilities, Dialect, Sine};
+use super::{Capabilities, Dialect, Sine, Wave};
 use crate::{
     exchange::{Exchange, Expect, Identity},
     instrument::{Model, ms},
-    link::LinkProfile,
+    link::{ENDS_MESSAGES, LinkProfile},
     units::{Hertz, Volts},
 };
 
@@ -23,6 +23,10 @@ const FREQ_DIGITS: f64 = 1.0e-6;
 const AMPLITUDE_STEP_V: f64 = 2.5e-4;
 /// A millivolt, 2 mA of a supply of ±20 A.
 const OFFSET_TOLERANCE_V: f64 = 1.0e-3;
+
+/// Points of a wave's table.
+const WAVE_POINTS: usize = 16_384;
+const WAVE_FULL_SCALE: f64 = 32_767.0;
 
 pub(super) struct Sdg;
 
@@ -75,12 +79,57 @@ impl Dialect for Sdg {
         }]
     }
 
+    fn wave_steps(&self) -> Option<usize> {
+        Some(WAVE_POINTS)
+    }
+
+    fn wave(&self, channel: u8, wave: &Wave) -> Vec<Exchange> {
+        let (freq_hz, peak_to_peak_v, offset_v) = (wave.freq.value(), 2.0 * wave.amplitude.value(), wave.offset.value());
+        let name = &wave.name;
+        if wave.steps.is_empty() || !WAVE_POINTS.is_multiple_of(wave.steps.len()) {
+            let reason = format!("expected a divisor of {WAVE_POINTS} as the number of steps, found {}", wave.steps.len());
+            return vec![Exchange::Refuse { message: format!("C{channel}:WVDT"), reason }];
+        }
+        let fields = vec![
+            ("FRQ", freq_hz, FREQ_DIGITS * freq_hz + 1.0e-6),
+            ("AMP", peak_to_peak_v, 1.0e-3 * peak_to_peak_v + AMPLITUDE_STEP_V),
+            ("OFST", offset_v, OFFSET_TOLERANCE_V),
+        ];
+        vec![
+            Exchange::Data {
+                head: format!(
+                    "C{channel}:WVDT WVNM,{name},FREQ,{freq_hz:.6},AMPL,{peak_to_peak_v:.4},OFST,{offset_v:.4},PHASE,0,WAVEDATA,"
+                ),
+                data: wave_data(&wave.steps),
+            },
+            // The shape itself cannot be read back: some models hang on the question.
+            set(channel, "ARWV", &format!("NAME,{name}"), Expect::Contains(format!("NAME,{name}"))),
+            Exchange::Set {
+                message: format!("C{channel}:BSWV WVTP,ARB,FRQ,{freq_hz:.6},AMP,{peak_to_peak_v:.4},OFST,{offset_v:.4},PHSE,0"),
+                read_back: format!("C{channel}:BSWV?"),
+                expect: Expect::All(vec![Expect::FieldWord("WVTP", "ARB"), Expect::Fields(fields)]),
+            },
+        ]
+    }
+
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
         let mut script = self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset });
         script.push(set(channel, "OUTP", "PLRT,NOR", contains("PLRT,NOR")));
         script.extend(["BTWV", "SWWV", "MDWV"].map(|modifier| set(channel, modifier, "STATE,OFF", contains("STATE,OFF"))));
         script
     }
+}
+
+/// The whole table: each step held for its share of it, little-endian, full scale ±32767. A byte that would end the message is avoided by the nearest
+/// number without one, which is at most 128 steps of the converter off.
+fn wave_data(steps: &[f64]) -> Vec<u8> {
+    let hold = WAVE_POINTS / steps.len();
+    let free = |value: i16| !value.to_le_bytes().iter().any(|byte| ENDS_MESSAGES.contains(byte));
+    let sendable = |value: i16| {
+        (0..=i16::MAX).find_map(|off| [value.checked_sub(off), value.checked_add(off)].into_iter().flatten().find(|near| free(*near)))
+    };
+    let point = |step: &f64| sendable((step.clamp(-1.0, 1.0) * WAVE_FULL_SCALE).round() as i16).unwrap_or(0).to_le_bytes();
+    steps.iter().flat_map(|step| std::iter::repeat_n(point(step), hold)).flatten().collect()
 }
 
 /// A command of the channel, read back by its own bare query.

@@ -15,6 +15,12 @@ pub trait Plant: Send {
     /// Tells the world what an instrument does to it from `t_s` on, until told otherwise. Idempotent: an action carries the whole state.
     fn act(&mut self, t_s: f64, action: Action);
 
+    /// Gives the signal of generator channel 1 another shape than a sine from `t_s` on: one period in equal steps, −1 … 1 of the amplitude, each held until the
+    /// next. `None` gives the sine back. A world that knows no shapes ignores it.
+    fn shape(&mut self, t_s: f64, steps: Option<Arc<[f64]>>) {
+        let _ = (t_s, steps);
+    }
+
     /// What the named meter shows at `t_s`, its own error and noise included.
     fn read(&mut self, t_s: f64, meter: Meter) -> f64;
 

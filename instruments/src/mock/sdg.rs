@@ -3,11 +3,12 @@
 //! Out-of-range values are clamped silently, unknown headers met with silence, and there is no query of a single field: the `?` stands bare.
 //! Voltages are kept as the open-circuit voltage behind 50 Ω; `LOAD` only changes how they are reported and understood.
 //!
-//! Only channel 1 is wired to the bench, and only a sine and a constant voltage are simulated: other wave types are ignored. Assumed, for want of
+//! Only channel 1 is wired to the bench, and only a sine, a constant voltage and loaded waves are simulated: other wave types are ignored, and so is `ARB`
+//! before a loaded wave was chosen. `WVDT` takes raw little-endian words without a block's header up to the end of the message. Assumed, for want of
 //! a source: voltages are set in steps of 0.1 mV and frequencies in steps of 1 µHz; the phase starts anew when the frequency, the phase, the wave
 //! type or the output changes, and runs on when an amplitude or an offset changes.
 
-use std::f64::consts::SQRT_2;
+use std::{collections::BTreeMap, f64::consts::SQRT_2, sync::Arc};
 
 use scpi::{Branch, Leaf, Root, error::Error, parser::mnemonic_compare, tree::Node};
 
@@ -37,11 +38,19 @@ pub(super) struct Sdg {
     world: World,
     serial_number: String,
     channels: [Channel; 2],
+    /// Loaded waves by name.
+    waves: BTreeMap<String, Arc<[f64]>>,
+    /// The wave that each channel has chosen.
+    chosen: [Option<String>; 2],
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Channel {
     constant: bool,
+    /// Plays the chosen wave.
+    arbitrary: bool,
+    /// A loaded wave is chosen.
+    has_wave: bool,
     freq_hz: f64,
     /// Open-circuit amplitude, V peak to peak.
     amplitude_vpp: f64,
@@ -61,6 +70,8 @@ impl Default for Channel {
     fn default() -> Self {
         Self {
             constant: false,
+            arbitrary: false,
+            has_wave: false,
             freq_hz: 1000.0,
             amplitude_vpp: 4.0,
             offset_v: 0.0,
@@ -113,8 +124,9 @@ impl Channel {
 
     fn set_wave(&mut self, value: &Argument) {
         match value {
-            Argument::Word(word) if word.eq_ignore_ascii_case("SINE") => self.constant = false,
-            Argument::Word(word) if word.eq_ignore_ascii_case("DC") => self.constant = true,
+            Argument::Word(word) if word.eq_ignore_ascii_case("SINE") => (self.constant, self.arbitrary) = (false, false),
+            Argument::Word(word) if word.eq_ignore_ascii_case("DC") => (self.constant, self.arbitrary) = (true, false),
+            Argument::Word(word) if word.eq_ignore_ascii_case("ARB") && self.has_wave => (self.constant, self.arbitrary) = (false, true),
             _ => {}
         }
     }
@@ -156,7 +168,8 @@ impl Channel {
         }
         let half = self.amplitude_vpp / 2.0;
         format!(
-            "WVTP,SINE,FRQ,{}HZ,PERI,{}S,AMP,{}V,AMPVRMS,{}Vrms,MAX_OUTPUT_AMP,{}V,OFST,{offset}V,HLEV,{}V,LLEV,{}V,PHSE,{}",
+            "WVTP,{},FRQ,{}HZ,PERI,{}S,AMP,{}V,AMPVRMS,{}Vrms,MAX_OUTPUT_AMP,{}V,OFST,{offset}V,HLEV,{}V,LLEV,{}V,PHSE,{}",
+            if self.arbitrary { "ARB" } else { "SINE" },
             general(self.freq_hz, 12),
             general(self.freq_hz.recip(), 6),
             volts(self.amplitude_vpp),
@@ -198,7 +211,8 @@ impl Channel {
     }
 
     fn restarts_from(&self, old: &Self) -> bool {
-        (self.constant, self.freq_hz, self.phase_deg, self.output_on) != (old.constant, old.freq_hz, old.phase_deg, old.output_on)
+        let key = |channel: &Self| (channel.constant, channel.arbitrary, channel.freq_hz, channel.phase_deg, channel.output_on);
+        key(self) != key(old)
     }
 
     fn state(&self) -> GeneratorState {
@@ -230,10 +244,13 @@ fn on_off(on: bool) -> &'static str {
 
 impl Sdg {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
+        let (serial_number, waves) = (options.serial_number.clone(), BTreeMap::new());
         let sdg = Self {
             world: World::new(plant, options.since_s),
-            serial_number: options.serial_number.clone(),
+            serial_number,
             channels: [Channel::default(); 2],
+            waves,
+            chosen: [None, None],
         };
         sdg.act();
         sdg
@@ -252,8 +269,55 @@ impl Sdg {
             channel.since_s = self.world.now_s;
         }
         if self.channels[index] != old && index == 0 {
+            self.reshape(old.arbitrary);
             self.act();
         }
+    }
+
+    /// Tells the world the shape of channel 1, where it is or was a wave.
+    fn reshape(&self, was_arbitrary: bool) {
+        let plays = self.channels[0].arbitrary;
+        if plays || was_arbitrary {
+            let wave = self.chosen[0].as_ref().and_then(|name| self.waves.get(name)).filter(|_| plays);
+            self.world.plant().shape(self.world.now_s, wave.cloned());
+        }
+    }
+
+    fn choose_wave(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
+        while let (Some(Argument::Word(key)), Some(value)) = (arguments.next(), arguments.next()) {
+            let Argument::Word(name) = value else { continue };
+            if key.eq_ignore_ascii_case("NAME") && self.waves.contains_key(&name) {
+                self.chosen[index] = Some(name);
+                self.change(index, |channel| channel.has_wave = true);
+                if index == 0 {
+                    self.reshape(false);
+                }
+            }
+        }
+        common::ignore(self, arguments)
+    }
+
+    /// The built-in wave that a channel has chosen at the start, or the loaded one.
+    fn describe_wave(&self, index: usize) -> String {
+        self.chosen[index].as_ref().map_or_else(|| "INDEX,2,NAME,StairUp".to_owned(), |name| format!("INDEX,60,NAME,{name}"))
+    }
+
+    /// `Cn:WVDT WVNM,name,…,WAVEDATA,bytes`; true for any message of this header.
+    fn load_wave(&mut self, message: &[u8]) -> bool {
+        let header = message.get(..7).map(<[u8]>::to_ascii_uppercase);
+        if !matches!(header.as_deref(), Some(b"C1:WVDT" | b"C2:WVDT")) {
+            return false;
+        }
+        let marker = b",WAVEDATA,";
+        let Some(at) = message.windows(marker.len()).position(|window| window.eq_ignore_ascii_case(marker)) else { return true };
+        let (head, data) = (String::from_utf8_lossy(&message[7..at]), &message[at + marker.len()..]);
+        let fields: Vec<&str> = head.trim().split(',').collect();
+        let name = fields.chunks(2).find(|pair| pair[0].eq_ignore_ascii_case("WVNM")).and_then(|pair| pair.get(1));
+        if let (Some(name), true) = (name, data.len() >= 2 && data.len().is_multiple_of(2)) {
+            let points = data.chunks_exact(2).map(|pair| f64::from(i16::from_le_bytes([pair[0], pair[1]])) / 32_767.0);
+            self.waves.insert((*name).to_owned(), points.collect());
+        }
+        true
     }
 
     fn set_basic_wave(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
@@ -294,7 +358,10 @@ impl Sdg {
     }
 
     fn reset(&mut self, _: &mut Arguments) -> Fallible {
+        let was_arbitrary = self.channels[0].arbitrary;
         self.channels = [Channel { since_s: self.world.now_s, ..Channel::default() }; 2];
+        self.chosen = [None, None];
+        self.reshape(was_arbitrary);
         self.act();
         Ok(())
     }
@@ -321,6 +388,10 @@ macro_rules! channel {
             Leaf! {b"OUTPut" => &both(
                 |sdg: &mut Sdg, arguments| sdg.set_output($index, arguments),
                 |sdg, _| text(format!(concat!($prefix, ":OUTP {}"), sdg.channels[$index].describe_output())),
+            )},
+            Leaf! {b"ARWV" => &both(
+                |sdg: &mut Sdg, arguments| sdg.choose_wave($index, arguments),
+                |sdg, _| text(format!(concat!($prefix, ":ARWV {}"), sdg.describe_wave($index))),
             )},
             // Burst, sweep and modulation are off and stay off.
             Leaf! {b"BTWV" => &both(common::ignore, |_, _| text(concat!($prefix, ":BTWV STATE,OFF")))},
@@ -351,6 +422,9 @@ impl Device for Sdg {
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
         self.world.now_s = now_s;
+        if self.load_wave(message) {
+            return Vec::new();
+        }
         exchange(&TREE, self, &shortened(message))
     }
 }

@@ -142,6 +142,7 @@ mod tests {
                 | Exchange::Set { message, .. }
                 | Exchange::Ask { message, .. }
                 | Exchange::Refuse { message, .. } => message.as_str(),
+                Exchange::Data { head, .. } => head.as_str(),
             })
             .collect()
     }

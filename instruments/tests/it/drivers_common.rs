@@ -100,6 +100,11 @@ impl Rig {
         open("memory:device", profile, &self.clock, &self.hub, Tap::none()).await.unwrap().query(query).await.unwrap()
     }
 
+    /// The shape that the generator's signal has instead of a sine.
+    pub(crate) fn shape(&self) -> Option<Arc<[f64]>> {
+        self.plant.lock().unwrap().shape.clone()
+    }
+
     /// All that was sent by the links of [`Self::link`], without the questions after the error queue.
     pub(crate) fn sent(&self) -> Vec<String> {
         let lines = self.tape.lines();

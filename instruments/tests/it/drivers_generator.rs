@@ -1,7 +1,7 @@
 //! The generator's driver: the volts that are asked for are the volts that come.
 
 use instruments::{
-    generator::{self, Generator, Sine},
+    generator::{self, Generator, Sine, Wave},
     instrument::Instrument,
     mock::{
         MockOptions,
@@ -233,5 +233,31 @@ fn another_wave_or_a_switched_load_is_not_believed() {
         assert_eq!(error, text);
         let error = generator.safe().await.unwrap_err().to_string();
         assert!(error.starts_with("dev: after `C1:OUTP OFF`") && error.ends_with("expected `OUTP OFF` in the answer"), "{error}");
+    });
+}
+
+#[test]
+fn a_wave_is_loaded_chosen_and_played_and_the_least_sine_ends_it() {
+    in_virtual_time(async |clock| {
+        let rig = Rig::new(clock, MODEL);
+        let mut generator = driver(&rig).await;
+        generator.output(false).await.unwrap();
+        generator.output(true).await.unwrap();
+        // Every number of a byte's range comes by: none of the bytes that end a message may get through.
+        let steps: Vec<f64> = (0..4096).map(|k| f64::from(k) / 2048.0 - 1.0).collect();
+        let wave = Wave { name: "eis1".to_owned(), steps: steps.clone(), freq: Hertz(0.1), amplitude: Volts(0.75), offset: Volts(-0.28) };
+        generator.wave(&wave).await.unwrap();
+        let state = last(&rig);
+        assert_eq!((state.freq_hz, state.amplitude_v, state.offset_v, state.phase_rad), (0.1, 0.75, -0.28, 0.0));
+        let shape = rig.shape().unwrap();
+        assert_eq!(shape.len(), 16_384);
+        for (k, value) in shape.iter().enumerate() {
+            assert!((value - steps[k / 4]).abs() < 129.0 / 32_767.0, "{k}: {value}");
+        }
+        generator.quiet(Volts(-0.28)).await.unwrap();
+        assert!(rig.shape().is_none() && last(&rig).amplitude_v == 0.001);
+        let odd = Wave { steps: vec![0.0; 1000], ..wave };
+        let refused = generator.wave(&odd).await.unwrap_err().to_string();
+        assert!(refused.contains("expected a divisor of 16384 as the number of steps, found 1000"), "{refused}");
     });
 }

@@ -30,11 +30,16 @@ pub(crate) struct Recorder {
     pub(crate) requests: Vec<DigitiseRequest>,
     pub(crate) searches: Vec<TriggerSearch>,
     pub(crate) fixture: Option<Fixture>,
+    pub(crate) shape: Option<Arc<[f64]>>,
     /// The sine is there only before this time; 0 for ever.
     pub(crate) silent_from_s: f64,
 }
 
 impl Plant for Recorder {
+    fn shape(&mut self, _: f64, steps: Option<Arc<[f64]>>) {
+        self.shape = steps;
+    }
+
     fn act(&mut self, t_s: f64, action: Action) {
         self.actions.push((t_s, action));
     }

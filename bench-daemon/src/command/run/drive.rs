@@ -5,13 +5,20 @@ use std::collections::{
     btree_map::Entry::{Occupied, Vacant},
 };
 
-use analysis::{calibration::Correction, dataset, spectrum::Spectrum};
+use analysis::{
+    calibration::Correction,
+    dataset::{self, SweepEntry},
+    spectrum::Spectrum,
+};
 use instruments::{
     clock::{Clock, TimeMode},
     mock::plant::Fixture,
 };
 
-use super::{Measured, Past, safe, sweeping::Sweeping};
+use super::{
+    Measured, Past, multisine, safe,
+    sweeping::{Settled, Sweeping},
+};
 use crate::{
     bench::Bench,
     command::Failure,
@@ -49,6 +56,8 @@ pub(super) async fn drive(
         correction: inherited.clone().unwrap_or_else(|| Correction::none(experiment.bench.wiring.shunt)),
         spectrum: Spectrum { name: experiment.name.clone(), points: Vec::new() },
         repeats: Vec::new(),
+        own_noise: Vec::new(),
+        multisines: Vec::new(),
     };
     recorder.about(&experiment.cell.name, experiment.cell.capacity_c);
     let mut executor = Executor::new((bench, recorder), experiment, clock.clone(), (operator, progress));
@@ -86,11 +95,18 @@ impl<'a, 'b> Drive<'a, 'b> {
     fn restore(&mut self) -> Result<(), Failure> {
         let Some(past) = self.past else { return Ok(()) };
         for (number, stage) in self.plan.stages.iter().enumerate().filter(|(number, _)| past.story.finished(*number)) {
+            if let Purpose::Multisine(repeat) = stage.purpose {
+                self.measured.multisines.push(multisine::restore(self.executor.recorder, repeat)?);
+            }
             let Purpose::Sweep(fixture, repeat) = stage.purpose else { continue };
             let points: Vec<&PointDone> = past.story.stages.get(&number).map_or_else(Vec::new, |story| story.points.values().collect());
             let sweeping = self.sweeping((fixture, repeat));
-            let spectrum = sweeping.restore(self.executor.recorder, &points)?;
-            self.finish((fixture, repeat), points.into_iter().map(|point| point.point.clone()).collect(), spectrum, true)?;
+            sweeping.restore(self.executor.recorder, &points)?;
+            let settled = sweeping.settle(self.executor.recorder, points.into_iter().map(|point| point.point.clone()).collect())?;
+            sweeping.flags(&settled.points, &mut |freq_hz, text| {
+                self.executor.recorder.known_point_warning(&sweeping.name, freq_hz, text);
+            });
+            self.finish((fixture, repeat), settled, true)?;
         }
         Ok(())
     }
@@ -145,7 +161,11 @@ impl<'a, 'b> Drive<'a, 'b> {
         let Some(stage) = self.plan.stages.get(number) else { return Ok(()) };
         match stage.purpose {
             Purpose::Sweep(fixture, repeat) => self.sweep((number, stage), (fixture, repeat), &entrance).await?,
-            Purpose::Temperature | Purpose::SocReset | Purpose::Trace => {
+            Purpose::Multisine(repeat) => {
+                let run = multisine::measure(&mut self.executor, ((number, stage), repeat), &self.measured).await?;
+                self.measured.multisines.push(run);
+            }
+            Purpose::Temperature | Purpose::SocReset | Purpose::OcvSoc | Purpose::Trace => {
                 self.executor.stage((number, stage), &entrance, &mut |_, _| Ok(())).await?;
             }
         }
@@ -164,30 +184,33 @@ impl<'a, 'b> Drive<'a, 'b> {
         let recorder = &mut *self.executor.recorder;
         recorder.forget_sweep(sweeping.indexed());
         recorder.drop_captures(&sweeping.name, &entrance.points)?;
-        let mut spectrum = sweeping.restore(recorder, &entrance.points)?;
+        sweeping.restore(recorder, &entrance.points)?;
         let mut on_point = |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
-            spectrum.points.extend(sweeping.record(recorder, point)?);
+            sweeping.record(recorder, point)?;
             point.warnings.iter().for_each(|warning| recorder.point_warning(&sweeping.name, point.phasors.freq_hz, warning));
             Ok(())
         };
         let points = self.executor.stage(stage, entrance, &mut on_point).await?;
+        let settled = sweeping.settle(self.executor.recorder, points)?;
+        let recorder = &mut *self.executor.recorder;
+        let flagged = sweeping.flags(&settled.points, &mut |freq_hz, text| recorder.point_warning(&sweeping.name, freq_hz, text));
         if of.1 > 0 {
-            let entry = sweeping.entry(&self.executor, start_time_s);
+            let entry = SweepEntry { flagged, ..sweeping.entry(&self.executor, (stage.1, start_time_s)) };
             self.executor.recorder.sweep(entry)?;
         }
-        self.finish(of, points, spectrum, false)
+        self.finish(of, settled, false)
     }
 
     /// What follows from a whole sweep. `restored`: it was told before.
     fn finish(
         &mut self,
         (fixture, repeat): (Fixture, usize),
-        points: Vec<SweepPoint>,
-        spectrum: Spectrum,
+        Settled { points, spectrum, own_noise }: Settled,
         restored: bool,
     ) -> Result<(), Failure> {
         if fixture == Fixture::Cell {
             self.spectra.insert(repeat, spectrum);
+            self.measured.own_noise.push(own_noise);
         }
         let tell = |recorder: &mut Recorder, text: &str| if restored { Ok(()) } else { recorder.event(text) };
         if repeat == 0 {
@@ -221,7 +244,9 @@ fn judge(
 ) -> Result<(), Failure> {
     let tolerance = experiment.fixture_check.iter().flat_map(|check| &check.controls).find(|(control, _)| *control == fixture);
     let Some((_, tolerance)) = tolerance else { return Ok(()) };
-    let result = fixture_check::judge_raw(&experiment.bench, fixture, tolerance, points);
+    let swept = fixture_check::swept(experiment, points);
+    let mut result = fixture_check::judge_raw(&experiment.bench, fixture, tolerance, swept);
+    result.believed_as_read = Some(fixture_check::believed_as_read(experiment, fixture, points));
     let text = format!("{} as read: {}", result.control, result.raw.text);
     tell(recorder, &text)?;
     let passed = result.raw.passed;
@@ -243,7 +268,8 @@ fn correct(recorder: &mut Recorder, experiment: &Experiment, (measured, tell): (
         let Some(control) = measured.controls.iter_mut().find(|control| control.control == name) else { continue };
         let points = measured.sweeps.get(name).map_or(&[][..], Vec::as_slice);
         let correction = (&measured.correction, check.corrected_tolerance);
-        let verdict = fixture_check::judge_corrected(&experiment.bench, fixture, correction, points);
+        let verdict = fixture_check::judge_corrected(&experiment.bench, fixture, correction, fixture_check::swept(experiment, points));
+        control.believed = Some(fixture_check::believed(experiment, fixture, correction, points));
         let text = format!("{name} after the correction: {}", verdict.text);
         tell(recorder, &text)?;
         if !verdict.passed && wrong.is_none() {

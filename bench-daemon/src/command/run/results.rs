@@ -1,6 +1,7 @@
 //! What is made of a finished run: fits, model files, plots, the report, and a summary for the terminal.
 
 mod campaign;
+mod ocv;
 mod records;
 mod report;
 
@@ -10,17 +11,28 @@ use analysis::{
     fit::{Bounds, ErmFit, FitOptions, ModelFile, PackModel, fit_erm},
     pack::Pack,
     spectrum::Spectrum,
+    validity::{Noise, linearity},
 };
 use instruments::mock::plant::Fixture;
 
 use super::Measured;
 use crate::{command::Failure, config::Experiment, fixture_check, record::Recorder};
 
+/// Amplitudes that differ by less than this share are one.
+const SAME_AMPLITUDE: f64 = 0.1;
+
 /// Writes everything that follows from the measurement into the run folder; returns the summary.
 ///
 /// # Errors
 /// A fit that cannot be made; a file that cannot be written.
 pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Result<String, Failure> {
+    let ocv = ocv::write(recorder, experiment)?;
+    let text = evaluate(recorder, experiment, measured)?;
+    Ok(text.replacen("\nrun folder:", &format!("{ocv}\nrun folder:"), 1))
+}
+
+/// What follows from the sweeps of the cell.
+fn evaluate(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Result<String, Failure> {
     if measured.spectrum.points.is_empty() {
         return Ok(summary(recorder, experiment, measured, (&[], None, None)));
     }
@@ -50,7 +62,7 @@ pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: 
 
 /// The orders that could be fitted, to all sweeps of the cell together; one that could not is noted and does not cost the others.
 fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Vec<ErmFit> {
-    let spectra: Vec<Spectrum> = std::iter::once(&measured.spectrum).chain(&measured.repeats).cloned().collect();
+    let spectra: Vec<Spectrum> = alike(measured).into_iter().cloned().collect();
     let mut fits = Vec::new();
     for &rc in &experiment.fit.rc {
         let bounds = Bounds::for_spectra(&spectra);
@@ -61,6 +73,33 @@ fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, measured: &Measu
         }
     }
     fits
+}
+
+/// The sweeps of the cell at the amplitude of the first: at another one the cell may be another.
+fn alike(measured: &Measured) -> Vec<&Spectrum> {
+    let amplitude_a = |spectrum: &Spectrum| spectrum.points.first().map_or(f64::NAN, |point| point.amplitude_a);
+    let first_a = amplitude_a(&measured.spectrum);
+    let same = |spectrum: &&Spectrum| (amplitude_a(spectrum) / first_a - 1.0).abs() < SAME_AMPLITUDE;
+    std::iter::once(&measured.spectrum).chain(measured.repeats.iter().filter(same)).collect()
+}
+
+/// Sweeps at several amplitudes compared, in words; none where there is one amplitude. Each is judged by the noise of its own records.
+fn linearity_in_words(measured: &Measured) -> Option<(bool, String)> {
+    let noises: Vec<Noise> = measured.own_noise.iter().map(|spectrum| Noise::of(spectrum, &[])).collect::<Result<_, _>>().ok()?;
+    let found = linearity(&measured.own_noise, &noises)?;
+    let (least_a, greatest_a) = found.amplitudes_a;
+    let worst = found.points.iter().filter(|point| point.nonlinear).max_by(|a, b| a.change_percent.total_cmp(&b.change_percent));
+    let text = match worst {
+        None => format!(
+            "The impedance is the same at {least_a:.3} A and {greatest_a:.3} A within its uncertainty: the cell answers in proportion."
+        ),
+        Some(worst) => format!(
+            "The impedance changes from {least_a:.3} A to {greatest_a:.3} A beyond its uncertainty, by {:.2} % at {:.4} Hz at most: the cell does not \
+             answer in proportion.",
+            worst.change_percent, worst.freq_hz
+        ),
+    };
+    Some((worst.is_none(), text))
 }
 
 /// A gain belongs to a range: a correction measured on one range does not hold on another.
@@ -95,6 +134,7 @@ fn summary(
         lines.push(format!("control {}, as read: {}", control.control, control.raw.text));
         lines.extend(control.corrected.iter().map(|verdict| format!("control {}, corrected: {}", control.control, verdict.text)));
     }
+    lines.extend(fixture_check::believed_in_words(&measured.controls));
     lines.push(String::new());
     if let (Some(first), Some(last)) = (measured.spectrum.points.first(), measured.spectrum.points.last()) {
         for point in [first, last] {
@@ -107,6 +147,8 @@ fn summary(
             ));
         }
     }
+    lines.extend(measured.multisines.iter().map(super::multisine::in_words));
+    lines.extend(linearity_in_words(measured).map(|(_, text)| text));
     lines.extend(budget.map(Budget::in_words).into_iter().flatten());
     lines.extend(campaign.map(str::to_owned));
     lines.push(String::new());

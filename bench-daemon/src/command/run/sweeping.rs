@@ -2,8 +2,8 @@
 
 use analysis::{
     calibration::Correction,
-    dataset::{Role, SweepEntry},
-    spectrum::{ImpedancePoint, Spectrum},
+    dataset::{FlaggedPoint, Role, SweepEntry},
+    spectrum::{ImpedancePoint, Spectrum, at_one_time},
 };
 use instruments::mock::plant::Fixture;
 
@@ -12,7 +12,7 @@ use crate::{
     executor::{Executor, SweepPoint},
     fixture_check,
     journal::PointDone,
-    plan::fixture_name,
+    plan::{Stage, Step, fixture_name},
     record::{RecordError, Recorder, sweep_name},
 };
 
@@ -29,6 +29,16 @@ pub(super) struct Sweeping<'a> {
     raw: String,
     /// The file of corrected points, where they are corrected.
     file: Option<String>,
+}
+
+/// What a whole sweep comes to.
+pub(super) struct Settled {
+    /// Its points, each frequency once.
+    pub(super) points: Vec<SweepPoint>,
+    /// The corrected spectrum.
+    pub(super) spectrum: Spectrum,
+    /// The same with the noise of its own records only.
+    pub(super) own_noise: Spectrum,
 }
 
 impl<'a> Sweeping<'a> {
@@ -52,32 +62,69 @@ impl<'a> Sweeping<'a> {
         self.file.as_deref().unwrap_or(&self.raw)
     }
 
-    /// Appends a point to the tables; the corrected point, where there is one.
-    pub(super) fn record(&self, recorder: &Recorder, point: &SweepPoint) -> Result<Option<ImpedancePoint>, RecordError> {
+    /// Appends a point to the tables.
+    pub(super) fn record(&self, recorder: &Recorder, point: &SweepPoint) -> Result<(), RecordError> {
         recorder.spectrum_point(&self.raw, &self.as_read(point))?;
-        let Some(file) = &self.file else { return Ok(None) };
-        let corrected = self.correction.apply(&point.phasors);
-        recorder.spectrum_point(file, &corrected)?;
-        Ok(Some(corrected))
+        let Some(file) = &self.file else { return Ok(()) };
+        recorder.spectrum_point(file, &self.correction.apply(&point.phasors))
     }
 
-    /// Makes the tables what the finished points say; their corrected points.
-    pub(super) fn restore(&self, recorder: &mut Recorder, known: &[&PointDone]) -> Result<Spectrum, RecordError> {
+    /// What a whole sweep comes to, in the tables too: by rising frequency, with the records that count, each frequency once; where it was visited twice, at the
+    /// time in the middle of the sweep.
+    pub(super) fn settle(&self, recorder: &Recorder, mut points: Vec<SweepPoint>) -> Result<Settled, RecordError> {
+        points.sort_by(|a, b| a.phasors.freq_hz.total_cmp(&b.phasors.freq_hz));
+        let at_once = |of: &dyn Fn(&SweepPoint) -> ImpedancePoint| {
+            at_one_time(&points.iter().map(|point| (point.time_s, of(point))).collect::<Vec<_>>())
+        };
+        recorder.spectrum(&self.raw, &at_once(&|point| self.as_read(point)))?;
+        let corrected = at_once(&|point| self.correction.apply(&point.phasors));
+        let own = at_once(&|point| {
+            let covariance = self.correction.measured_parts(&point.phasors).into_iter().sum();
+            ImpedancePoint { covariance, ..self.correction.apply(&point.phasors) }
+        });
+        if let Some(file) = &self.file {
+            recorder.spectrum(file, &corrected)?;
+        }
+        points.dedup_by(|a, b| {
+            let same = a.phasors.freq_hz == b.phasors.freq_hz;
+            if same {
+                b.failing.append(&mut a.failing);
+            }
+            same
+        });
+        let named = |points| Spectrum { name: self.spectrum_name(), points };
+        Ok(Settled { points, spectrum: named(corrected), own_noise: named(own) })
+    }
+
+    /// What the quality gate refused to the end: told, and in words of the index.
+    pub(super) fn flags(&self, points: &[SweepPoint], tell: &mut dyn FnMut(f64, &str)) -> Vec<FlaggedPoint> {
+        let mut flagged = Vec::new();
+        for point in points.iter().filter(|point| !point.failing.is_empty()) {
+            let freq_hz = point.phasors.freq_hz;
+            for failing in &point.failing {
+                tell(freq_hz, &format!("flagged by the quality gate after {} records: {}", point.captures, failing.criterion));
+            }
+            flagged.push(FlaggedPoint { freq_hz, reasons: point.failing.iter().map(ToString::to_string).collect() });
+        }
+        flagged
+    }
+
+    /// Makes the tables what the finished points say.
+    pub(super) fn restore(&self, recorder: &mut Recorder, known: &[&PointDone]) -> Result<(), RecordError> {
         recorder.check_captures(known)?;
         let settle = |recorder: &Recorder, file: &str, points: &[ImpedancePoint]| {
             if points.is_empty() && !recorder.path(file).exists() { Ok(()) } else { recorder.settle_spectrum(file, points) }
         };
         let raw: Vec<ImpedancePoint> = known.iter().map(|known| self.as_read(&known.point)).collect();
         settle(recorder, &self.raw, &raw)?;
-        let mut spectrum = Spectrum { name: self.spectrum_name(), points: Vec::new() };
         if let Some(file) = &self.file {
-            spectrum.points = known.iter().map(|known| self.correction.apply(&known.point.phasors)).collect();
-            settle(recorder, file, &spectrum.points)?;
+            let corrected: Vec<ImpedancePoint> = known.iter().map(|known| self.correction.apply(&known.point.phasors)).collect();
+            settle(recorder, file, &corrected)?;
         }
         for point in known.iter().map(|known| &known.point) {
             point.warnings.iter().for_each(|warning| recorder.known_point_warning(&self.name, point.phasors.freq_hz, warning));
         }
-        Ok(spectrum)
+        Ok(())
     }
 
     fn spectrum_name(&self) -> String {
@@ -89,22 +136,27 @@ impl<'a> Sweeping<'a> {
     }
 
     /// The sweep in words of the index.
-    pub(super) fn entry(&self, executor: &Executor<'_>, start_time_s: f64) -> SweepEntry {
+    pub(super) fn entry(&self, executor: &Executor<'_>, (stage, start_time_s): (&Stage, f64)) -> SweepEntry {
         let (experiment, cell) = (self.experiment, self.fixture == Fixture::Cell);
         let group = if cell { "eis" } else { "eis_shunt" };
+        let driven = stage.steps.iter().find_map(|step| if let Step::Sine { amplitude_a, .. } = step { Some(*amplitude_a) } else { None });
+        let amplitude_a = driven.unwrap_or(f64::NAN);
+        let several = experiment.eis.as_ref().is_some_and(|eis| eis.steps_a.len() > 1);
+        let group = if several { format!("{group}_{amplitude_a}A") } else { group.to_owned() };
         SweepEntry {
             file: self.indexed().to_owned(),
             fixture: fixture_name(self.fixture).to_owned(),
             fixture_ohm: (!cell).then_some(fixture_check::known(&experiment.bench, self.fixture).r_ohm),
             corrected: self.correction.reduced_chi2.is_some(),
-            amplitude_a: experiment.eis.as_ref().map_or(f64::NAN, |eis| eis.amplitude_a),
+            amplitude_a,
             repeat: self.run.as_ref().map_or(self.repeat, |run| run.repeat),
             order: executor.recorder.measured(),
             start_time_s,
             start_ocv_v: executor.idle.voltage_v.filter(|_| cell),
             temperature_c: executor.idle.temperature_c.filter(|_| cell),
             role: Role::Train,
-            repeat_group: self.run.as_ref().map_or_else(|| group.to_owned(), |run| format!("eis_{}", run.cell.name)),
+            repeat_group: self.run.as_ref().map_or(group, |run| format!("eis_{}", run.cell.name)),
+            flagged: Vec::new(),
         }
     }
 }

@@ -125,6 +125,11 @@ mod tests {
             residual_lag1: 0.0,
             beside: Beside::default(),
             warnings: Vec::new(),
+            time_s: 0.0,
+            captures: 1,
+            rechecked: 0,
+            measures: crate::quality::Measures::default(),
+            failing: Vec::new(),
         };
         let mut points = vec![point(0, 1.0, 0.020), point(1, 4.0, 0.010)];
         let third = (0.020 - 0.010 * 3.0_f64.ln() / 4.0_f64.ln()) * 0.1;

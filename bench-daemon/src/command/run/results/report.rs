@@ -135,6 +135,11 @@ fn verdicts(recorder: &Recorder, measured: &Measured, fits: &[ErmFit]) -> Vec<Ve
                 .map(|verdict| Verdict { level: level(verdict.passed), text: format!("{}, corrected: {}", control.control, verdict.text) }),
         );
     }
+    verdicts.extend(fixture_check::believed_in_words(&measured.controls).map(|text| Verdict { level: Level::Note, text }));
+    let verdict = |(linear, text)| Verdict { level: if linear { Level::Good } else { Level::Note }, text };
+    verdicts.extend(super::linearity_in_words(measured).map(verdict));
+    verdicts
+        .extend(measured.multisines.iter().map(|run| Verdict { level: Level::Note, text: crate::command::run::multisine::in_words(run) }));
     if measured.controls.is_empty() {
         let text =
             "No control impedance was measured: the spectrum is as read, its uncertainty includes what a bench may be off.".to_owned();

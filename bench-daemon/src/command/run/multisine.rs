@@ -1,0 +1,128 @@
+//! A measured multisine in files: its spectrum as any other, and what each line says of noise and distortion.
+
+use std::fmt::Write as _;
+
+use analysis::{
+    dataset::{self, Role, SweepEntry},
+    multisine::Line,
+    spectrum::{ImpedancePoint, Spectrum},
+};
+use instruments::mock::plant::Fixture;
+
+use super::Measured;
+use crate::{
+    command::Failure,
+    executor::{Entrance, Executor},
+    fixture_check,
+    plan::{Stage, Step, fixture_name},
+    record::Recorder,
+};
+
+/// What one multisine measured.
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
+pub struct MultisineRun {
+    /// The corrected spectrum.
+    pub spectrum: Spectrum,
+    /// Its lines.
+    pub lines: Vec<Line>,
+    /// Bench time that it took with all that belongs to it, s.
+    pub took_s: f64,
+}
+
+/// Measures a multisine and writes its files: `multisine.csv`, `raw_multisine.csv`, `multisine_lines.csv`, and all that is told of it in `multisine.json`.
+pub(super) async fn measure(
+    executor: &mut Executor<'_>,
+    ((number, stage), repeat): ((usize, &Stage), usize),
+    measured: &Measured,
+) -> Result<MultisineRun, Failure> {
+    let (experiment, start_s) = (executor.experiment, executor.clock.now_s());
+    executor.recorder.forget_sweep(&named("multisine.csv", repeat));
+    // A multisine that was interrupted is done again whole: it takes back what it gives.
+    let points = executor.stage((number, stage), &Entrance::default(), &mut |_, _| Ok(())).await?;
+    let took_s = executor.clock.now_s() - start_s;
+    let corrected: Vec<ImpedancePoint> = points.iter().map(|point| measured.correction.apply(&point.phasors)).collect();
+    executor.recorder.spectrum(&named("raw_multisine.csv", repeat), &fixture_check::raw_points(&experiment.bench, &points))?;
+    executor.recorder.spectrum(&named("multisine.csv", repeat), &corrected)?;
+    executor.recorder.text(&named("multisine_lines.csv", repeat), &table(&executor.lines))?;
+    for point in &points {
+        for warning in &point.warnings {
+            executor.recorder.point_warning("multisine", point.phasors.freq_hz, warning);
+        }
+    }
+    dataset::write_spectrum_parquet(&executor.recorder.path(&named("multisine.parquet", repeat)), &corrected)
+        .map_err(crate::record::RecordError::from)?;
+    let spectrum = Spectrum { name: experiment.name.clone(), points: corrected };
+    let run = MultisineRun { spectrum, lines: std::mem::take(&mut executor.lines), took_s };
+    executor.recorder.json(&named("multisine.json", repeat), &run)?;
+    let entry = entry(executor, (stage, repeat), (start_s, measured));
+    executor.recorder.sweep(entry)?;
+    Ok(run)
+}
+
+/// What a multisine of an earlier process measured.
+pub(super) fn restore(recorder: &Recorder, repeat: usize) -> Result<MultisineRun, Failure> {
+    let path = recorder.path(&named("multisine.json", repeat));
+    let text = std::fs::read_to_string(&path).map_err(|error| Failure::Analysis(format!("{}: {error}", path.display())))?;
+    serde_json::from_str(&text).map_err(|error| Failure::Analysis(format!("{}: {error}", path.display())))
+}
+
+/// The multisine in words of the index.
+fn entry(executor: &Executor<'_>, (stage, repeat): (&Stage, usize), (start_time_s, measured): (f64, &Measured)) -> SweepEntry {
+    let driven = |step: &Step| if let Step::Multisine(band) = step { Some(band.design.amplitude * band.peak_a) } else { None };
+    SweepEntry {
+        file: named("multisine.csv", repeat),
+        fixture: fixture_name(Fixture::Cell).to_owned(),
+        fixture_ohm: None,
+        corrected: measured.correction.reduced_chi2.is_some(),
+        amplitude_a: stage.steps.iter().find_map(driven).unwrap_or(f64::NAN),
+        repeat,
+        order: executor.recorder.measured(),
+        start_time_s,
+        start_ocv_v: executor.idle.voltage_v,
+        temperature_c: executor.idle.temperature_c,
+        role: Role::Train,
+        repeat_group: "multisine".to_owned(),
+        flagged: Vec::new(),
+    }
+}
+
+/// A file of the first repeat is called as it is, of a further one with its number.
+fn named(file: &str, repeat: usize) -> String {
+    if repeat == 1 { file.to_owned() } else { file.replacen('.', &format!("_{repeat}."), 1) }
+}
+
+fn table(lines: &[Line]) -> String {
+    let mut text = "freq_hz,noise,even,odd,sigma\n".to_owned();
+    for line in lines {
+        let _ = writeln!(text, "{},{:e},{:e},{:e},{:e}", line.freq_hz, line.noise, line.even, line.odd, line.sigma);
+    }
+    text
+}
+
+/// A sentence for the summary and the report.
+pub(super) fn in_words(run: &MultisineRun) -> String {
+    let (Some(first), Some(last)) = (run.spectrum.points.first(), run.spectrum.points.last()) else {
+        return "multisine without lines".to_owned();
+    };
+    let worst = run.lines.iter().filter(|line| line.is_distorted()).max_by(|a, b| a.even.max(a.odd).total_cmp(&b.even.max(b.odd)));
+    let distortion = worst.map_or_else(
+        || "no nonlinear distortion beyond the noise".to_owned(),
+        |line| {
+            format!(
+                "nonlinear distortion, at most {:.2} % even and {:.2} % odd of the voltage at {:.4} Hz",
+                100.0 * line.even,
+                100.0 * line.odd,
+                line.freq_hz
+            )
+        },
+    );
+    let noise = run.lines.iter().map(|line| line.noise).fold(0.0, f64::max);
+    format!(
+        "multisine: {} lines from {:.4} Hz to {:.4} Hz in {:.0} s; noise at most {:.3} %; {distortion}",
+        run.lines.len(),
+        first.freq_hz,
+        last.freq_hz,
+        run.took_s,
+        100.0 * noise
+    )
+}

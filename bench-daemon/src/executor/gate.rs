@@ -1,0 +1,153 @@
+//! The quality gate at work: a point that fails is measured again as long as the sweep's budget of time and charge lasts, the best of its records is kept,
+//! and what still fails is said with the point.
+
+use analysis::{
+    spectrum::{ImpedancePoint, Spectrum},
+    validity::{FEWEST_POINTS, KkPoint, Noise, kramers_kronig},
+};
+use instruments::mock::plant::Fixture;
+
+use super::{ExecuteError, Executor, SweepPoint};
+use crate::{
+    plan::{Stage, Step},
+    quality::{Failing, Quality, severity},
+};
+
+/// A residual below so many standard deviations of the noise is noise.
+const CERTAIN: f64 = 5.0;
+/// A finished sweep is gone through so many times: a point that was measured again changes what the others are held against.
+const ROUNDS: usize = 3;
+
+/// What went into measuring again in one sweep.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Spent {
+    time_s: f64,
+    charge_c: f64,
+}
+
+impl Spent {
+    /// Whether so much more is within the budget.
+    fn allows(&self, quality: &Quality, (time_s, charge_c): (f64, f64)) -> bool {
+        self.time_s + time_s <= quality.time_s && self.charge_c + charge_c <= quality.charge_c
+    }
+}
+
+impl Executor<'_> {
+    /// One point through the gate, where there is one.
+    pub(super) async fn gated(&mut self, fixture: Fixture, step: &Step) -> Result<SweepPoint, ExecuteError> {
+        let mut best = self.sine(fixture, step, 0).await?;
+        let Some(quality) = self.experiment.eis.as_ref().and_then(|eis| eis.quality) else { return Ok(best) };
+        best.failing = quality.judge(&best.measures);
+        for _ in 0..quality.again {
+            if best.failing.is_empty() || !self.afford(&quality, step) {
+                break;
+            }
+            best = self.measure_again(fixture, step, (&quality, best)).await?;
+        }
+        Ok(best)
+    }
+
+    /// The better of a point and its next record.
+    async fn measure_again(
+        &mut self,
+        fixture: Fixture,
+        step: &Step,
+        (quality, before): (&Quality, SweepPoint),
+    ) -> Result<SweepPoint, ExecuteError> {
+        let reasons: Vec<String> = before.failing.iter().map(ToString::to_string).collect();
+        let text = format!("{step}: measured again: {}", reasons.join("; "));
+        tracing::info!("{text}");
+        self.recorder.event(&text)?;
+        let start_s = self.clock.now_s();
+        self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
+        let mut point = self.sine(fixture, step, before.captures).await?;
+        let took_s = self.clock.now_s() - start_s;
+        self.spent.time_s += took_s;
+        self.spent.charge_c += moved_c(step, took_s);
+        point.failing = quality.judge(&point.measures);
+        let captures = point.captures;
+        // A point whose own record is good is measured again for the sake of the sweep: the new record counts.
+        let of_sweep = before.failing.iter().all(Failing::is_of_sweep);
+        let better = if of_sweep || severity(&point.failing) < severity(&before.failing) { point } else { before };
+        Ok(SweepPoint { captures, ..better })
+    }
+
+    /// Whether another record of a point is within the sweep's budget.
+    fn afford(&self, quality: &Quality, step: &Step) -> bool {
+        let time_s = step.expected_s();
+        self.spent.allows(quality, (time_s, moved_c(step, time_s)))
+    }
+
+    /// Holds the points of a finished sweep against each other, measures again those that do not fit, and flags what does not fit even then.
+    /// Says which points changed: their steps in the stage and their places among the points.
+    pub(super) async fn recheck(
+        &mut self,
+        fixture: Fixture,
+        stage: &Stage,
+        points: &mut [SweepPoint],
+    ) -> Result<Vec<(usize, usize)>, ExecuteError> {
+        let before = points.to_vec();
+        let Some(quality) = self.experiment.eis.as_ref().and_then(|eis| eis.quality) else { return Ok(Vec::new()) };
+        for round in 0..=ROUNDS {
+            let residuals = self.residuals(points);
+            let mut again = Vec::new();
+            for (point, residual) in points.iter_mut().zip(residuals) {
+                point.failing.retain(|failing| !failing.is_of_sweep());
+                let fails = residual.and_then(|share| quality.judge_residual(share));
+                again.extend(fails.is_some().then_some(point.index));
+                point.failing.extend(fails);
+            }
+            if again.is_empty() || round == ROUNDS {
+                break;
+            }
+            let mut measured = false;
+            for index in again {
+                let step = stage.steps.iter().find(|step| matches!(step, Step::Sine { index: number, .. } if *number == index));
+                let slot = points.iter_mut().find(|point| point.index == index);
+                let (Some(step), Some(slot)) = (step, slot) else { continue };
+                if slot.rechecked < quality.again && self.afford(&quality, step) {
+                    let rechecked = slot.rechecked + 1;
+                    let point = self.measure_again(fixture, step, (&quality, slot.clone())).await?;
+                    *slot = SweepPoint { rechecked, ..point };
+                    measured = true;
+                }
+            }
+            if !measured {
+                break;
+            }
+        }
+        let step =
+            |point: &SweepPoint| stage.steps.iter().position(|step| matches!(step, Step::Sine { index, .. } if *index == point.index));
+        let changed = points.iter().zip(&before).enumerate().filter(|(_, (after, before))| after != before);
+        Ok(changed.filter_map(|(place, (after, _))| Some((step(after)?, place))).collect())
+    }
+
+    /// Kramers–Kronig residuals over |Z| of points that do not fit the others; nothing where they do, or where the sweep is too short to tell.
+    fn residuals(&self, points: &[SweepPoint]) -> Vec<Option<f64>> {
+        let mut sorted: Vec<(usize, ImpedancePoint)> = points.iter().enumerate().map(|(k, point)| (k, self.tested(point))).collect();
+        sorted.sort_by(|a, b| a.1.freq_hz.total_cmp(&b.1.freq_hz));
+        sorted.dedup_by(|a, b| a.1.freq_hz == b.1.freq_hz);
+        let mut found = vec![None; points.len()];
+        if sorted.len() < FEWEST_POINTS {
+            return found;
+        }
+        let spectrum = Spectrum { name: "sweep".to_owned(), points: sorted.iter().map(|(_, point)| *point).collect() };
+        let Ok(test) = Noise::of(&spectrum, &[]).and_then(|noise| kramers_kronig(&spectrum, &noise)) else { return found };
+        let fails = |point: &KkPoint| point.left_out || point.sigmas > CERTAIN;
+        for ((k, _), point) in sorted.iter().zip(&test.points) {
+            found[*k] = fails(point).then(|| 0.01 * point.percent());
+        }
+        found
+    }
+
+    /// A point as the test takes it: corrected, with the noise of its own record.
+    fn tested(&self, point: &SweepPoint) -> ImpedancePoint {
+        let covariance = self.correction.measured_parts(&point.phasors).into_iter().sum();
+        ImpedancePoint { covariance, ..self.correction.apply(&point.phasors) }
+    }
+}
+
+/// Charge that a sinusoid moves to and fro, C: its mean magnitude is 2/π of its amplitude.
+fn moved_c(step: &Step, time_s: f64) -> f64 {
+    if let Step::Sine { amplitude_a, .. } = step { std::f64::consts::FRAC_2_PI * amplitude_a * time_s } else { 0.0 }
+}

@@ -1,0 +1,154 @@
+//! One band of a multisine: the wave goes into the generator, the scope rolls over whole periods of it, the record becomes one point per line.
+
+use analysis::{
+    multisine::{Line, analyse, nonlinear, with_distortion},
+    spectrum::ChannelPhasors,
+};
+use instruments::{
+    generator::Wave,
+    mock::plant::Fixture,
+    scope::{Intent, Trigger, Waveform},
+    units::{Hertz, Seconds, Volts},
+};
+
+use super::{Beside, ExecuteError, Executor, SweepPoint, require};
+use crate::{
+    plan::{Band, MAX_RANGING},
+    quality::Measures,
+    record::{capture_of, code_scale},
+};
+
+/// For the scope to fill its screen, s.
+const FILL_S: f64 = 0.05;
+/// The trigger level lies so many divisions above the centre, out of reach: the scope is to roll.
+const OUT_OF_REACH_DIV: f64 = 4.0;
+/// How far the current of a line may be from its command, as a share.
+const CURRENT_TOLERANCE: f64 = 0.2;
+
+impl Executor<'_> {
+    /// Drives and records one band; a point per line, and what each line says of noise and distortion.
+    pub(super) async fn multisine(&mut self, band: &Band) -> Result<Vec<SweepPoint>, ExecuteError> {
+        self.play_wave(band).await?;
+        let scope = require(&mut self.bench.scope, "scope")?.capabilities();
+        if self.verticals[0].is_none() {
+            self.first_ranges(Fixture::Cell, band.peak_a, &scope).await?;
+        }
+        self.wait_watching(band.settle_s, Fixture::Cell).await?;
+        let mut warnings = Vec::new();
+        for attempt in 0..=MAX_RANGING {
+            let waveforms = self.roll(band, attempt).await?;
+            let ranged = self.range_again(&waveforms, &scope);
+            let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
+            if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {
+                warnings.extend(ranged);
+                return self.lines(band, &waveforms, (attempt + 1, warnings));
+            }
+            warnings.push(format!("measured again: {}", ranged.join("; ")));
+        }
+        Err(failed(band, format!("a channel still clips after {MAX_RANGING} changes of range")))
+    }
+
+    async fn play_wave(&mut self, band: &Band) -> Result<(), ExecuteError> {
+        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.experiment.bench.wiring;
+        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
+        let wave = Wave {
+            name: format!("eis{}", band.number),
+            steps: band.design.samples(band.steps),
+            freq: Hertz(band.base_hz),
+            amplitude: Volts(band.peak_a * volts_per_amp * wiring.command_trim),
+            offset: Volts(wiring.command_offset_v),
+        };
+        let error = self.bench.error("generator");
+        let generator = require(&mut self.bench.generator, "generator")?;
+        // A wave is loaded while the least sine plays, never under a current.
+        generator.quiet(wave.offset).await.map_err(&error)?;
+        generator.wave(&wave).await.map_err(error)?;
+        Ok(())
+    }
+
+    /// One screen of whole periods, on disk when this returns.
+    async fn roll(&mut self, band: &Band, attempt: usize) -> Result<[Waveform; 4], ExecuteError> {
+        self.apply_verticals().await?;
+        let error = self.bench.error("scope");
+        let level = Volts(OUT_OF_REACH_DIV * self.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()));
+        let scope = require(&mut self.bench.scope, "scope")?;
+        let per_div = scope.capabilities().time_per_div(Seconds(band.span_s));
+        let memory_points = band.memory_points;
+        let intents =
+            [Intent::Session { memory_points }, Intent::Timebase(per_div), Intent::Trigger(Trigger { channel: 2, level }), Intent::Roll];
+        for intent in intents {
+            scope.set(&intent).await.map_err(&error)?;
+        }
+        self.memory_points = Some(memory_points);
+        self.wait_watching(band.span_s + FILL_S, Fixture::Cell).await?;
+        let end_s = self.clock.now_s();
+        require(&mut self.bench.scope, "scope")?.stop().await.map_err(&error)?;
+        let mut waveforms = Vec::with_capacity(4);
+        for channel in 1..=4 {
+            waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, band.record_points).await.map_err(&error)?);
+            self.watch("multisine", Fixture::Cell).await?;
+        }
+        self.check_frame(band.base_hz, &waveforms, band.span_s)?;
+        let waveforms: [Waveform; 4] = waveforms.try_into().map_err(|_| failed(band, "not four channels"))?;
+        let label = format!("multisine {} repeat {} attempt {}", band.number, self.repeat, attempt + 1);
+        let name = if attempt == 0 { format!("band{}", band.number) } else { format!("band{}_again{attempt}", band.number) };
+        let capture = capture_of(label, band.base_hz, end_s - band.span_s, &waveforms);
+        self.recorder.write_capture(&format!("multisine_{}", self.repeat), &name, &capture)?;
+        Ok(waveforms)
+    }
+
+    fn lines(
+        &mut self,
+        band: &Band,
+        waveforms: &[Waveform; 4],
+        (captures, warnings): (usize, Vec<String>),
+    ) -> Result<Vec<SweepPoint>, ExecuteError> {
+        let volts = waveforms.each_ref().map(|waveform| {
+            let scale = code_scale(waveform);
+            waveform.codes.iter().map(|code| scale.volts(*code)).collect::<Vec<f64>>()
+        });
+        let excited = (band.base_hz, band.design.harmonics.as_slice());
+        let fit = analyse(volts.each_ref().map(Vec::as_slice), waveforms[0].interval_s, excited).map_err(|error| failed(band, error))?;
+        let commanded_a = band.design.amplitude * band.peak_a;
+        for phasors in &fit.excited {
+            self.check_line(phasors, commanded_a)?;
+        }
+        let found: Vec<Line> = nonlinear(&fit);
+        let first = self.lines.len();
+        self.lines.extend(found);
+        let (time_s, volts_per_div) = (self.clock.now_s(), waveforms.each_ref().map(|waveform| waveform.preamble.volts_per_div));
+        let point = |(k, phasors): (usize, &ChannelPhasors)| SweepPoint {
+            fixture: Fixture::Cell,
+            index: first + k,
+            phasors: *phasors,
+            volts_per_div,
+            free_freq_hz: phasors.freq_hz,
+            residual_lag1: 0.0,
+            beside: Beside::default(),
+            warnings: if k == 0 { warnings.clone() } else { Vec::new() },
+            time_s,
+            captures,
+            rechecked: 0,
+            measures: Measures::default(),
+            failing: Vec::new(),
+        };
+        Ok(with_distortion(&fit).iter().enumerate().map(point).collect())
+    }
+
+    fn check_line(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {
+        let met_a = (phasors.volts[1] - phasors.volts[0]).norm() / self.experiment.bench.wiring.shunt.r_ohm;
+        if (met_a / amplitude_a - 1.0).abs() <= CURRENT_TOLERANCE {
+            return Ok(());
+        }
+        Err(ExecuteError::Disobeyed {
+            what: format!("current of the line at {} Hz", phasors.freq_hz),
+            expected: format!("an amplitude of {amplitude_a:.4} A within {:.0} %", 100.0 * CURRENT_TOLERANCE),
+            met: format!("{met_a:.4} A"),
+        })
+    }
+}
+
+fn failed(band: &Band, reason: impl std::fmt::Display) -> ExecuteError {
+    ExecuteError::Signal { freq_hz: band.base_hz, reason: format!("multisine {}: {reason}", band.number) }
+}

@@ -1,0 +1,133 @@
+//! The multisine on the simulated bench: the spectrum of the single sines in a fraction of their time, and the distortion of a cell that has one.
+
+use std::fs;
+
+use analysis::{multisine::odd_grid, spectrum::Spectrum};
+use bench_daemon::command::run::{Finished, run_experiment};
+use instruments::mock::plant::Fixture;
+
+use crate::support::{EXPERIMENT, Files, SCENARIO};
+
+const BANDS: &str = r#"
+[multisine]
+peak = "2 A"
+
+[[multisine.bands]]
+base = "0.1 Hz"
+stop = "10 Hz"
+lines = 12
+periods = 5
+settle = "20 s"
+
+[[multisine.bands]]
+base = "5 Hz"
+start = "15 Hz"
+stop = "300 Hz"
+lines = 8
+periods = 10
+settle = "5 s"
+"#;
+
+/// The frequencies of both bands, Hz.
+fn lines_hz() -> Vec<f64> {
+    let of = |base_hz: f64, range_hz, lines| odd_grid(base_hz, range_hz, lines).into_iter().map(move |h| h as f64 * base_hz);
+    of(0.1, (0.1, 10.0), 12).chain(of(5.0, (15.0, 300.0), 8)).collect()
+}
+
+fn run(files: &Files) -> Finished {
+    run_experiment(&files.load(), &files.path("run")).unwrap()
+}
+
+#[test]
+fn it_is_the_spectrum_of_the_single_sines_in_less_than_half_of_their_time() {
+    let list: Vec<String> = lines_hz().iter().map(|hz| format!("\"{hz:.6} Hz\"")).collect();
+    let text = Files::demo().text(EXPERIMENT);
+    let grid = text.lines().filter(|line| ["start = ", "stop = ", "points = "].iter().any(|key| line.starts_with(key)));
+    let grid: Vec<String> = grid.map(str::to_owned).collect();
+    let mut files = Files::demo().without(EXPERIMENT, "temperature").without(EXPERIMENT, "soc_reset");
+    for line in &grid {
+        files = files.edit(EXPERIMENT, &format!("{line}\n"), "");
+    }
+    let files = files
+        .edit(EXPERIMENT, "amplitude = \"1 A\"", &format!("amplitude = \"2 A\"\nfrequencies = [{}]", list.join(", ")))
+        .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
+        .append(EXPERIMENT, BANDS);
+    let finished = run(&files);
+    let (single, many) = (&finished.measured.spectrum, &finished.measured.multisines[0]);
+    assert_eq!(single.points.len(), 20);
+    assert_eq!(many.spectrum.points.len(), 20);
+    let mut squares = 0.0;
+    for (a, b) in single.points.iter().zip(&many.spectrum.points) {
+        assert!((a.freq_hz / b.freq_hz - 1.0).abs() < 1.0e-9);
+        let both = a.covariance + b.covariance;
+        let off = a.z_ohm - b.z_ohm;
+        squares += off.norm_sqr() / (both.re_re + both.im_im);
+        assert!(off.norm() < 5.0e-3 * a.z_ohm.norm(), "{a:?} {b:?}");
+    }
+    assert!(squares / 20.0 < 2.0, "{squares}");
+    // From the sweep's first event to its last.
+    let events = fs::read_to_string(files.path("run/events.csv")).unwrap();
+    let at = |text: &str| -> f64 { events.lines().find(|line| line.contains(text)).unwrap().split(',').next().unwrap().parse().unwrap() };
+    let sweep_s = at("\"multisine of the cell\"") - at("\"EIS sweep of the cell\"");
+    assert!(many.took_s < 0.45 * sweep_s, "multisine {} s, sweep {sweep_s} s", many.took_s);
+    assert!(finished.summary.contains("no nonlinear distortion beyond the noise"), "{}", finished.summary);
+}
+
+/// A cell whose one branch carries much of the voltage, without controls and sweeps.
+fn one_branch(more: &str) -> Files {
+    Files::short(2)
+        .without(EXPERIMENT, "fixture_check")
+        .without(EXPERIMENT, "eis")
+        .append(EXPERIMENT, BANDS)
+        .edit(SCENARIO, "initial_soc = 0.60", "initial_soc = 0.60\nbranches = [{ r_ohm = 0.02, c_f = 10.0 }]")
+        .append(SCENARIO, more)
+}
+
+#[test]
+fn it_reports_the_distortion_of_butler_and_volmer_and_none_of_a_linear_cell() {
+    let linear = run(&one_branch(""));
+    let lines = &linear.measured.multisines[0].lines;
+    assert!(lines.iter().all(|line| !line.is_distorted()), "{lines:#?}");
+    let truth = |spectrum: &Spectrum| {
+        let world = linear.simulation.as_ref().unwrap().world().lock().unwrap();
+        let off = |point: &analysis::spectrum::ImpedancePoint| {
+            let z = world.truth_impedance(Fixture::Cell, point.freq_hz);
+            (point.z_ohm - z).norm() / z.norm()
+        };
+        spectrum.points.iter().map(off).fold(0.0, f64::max)
+    };
+    // Without controls the harness is in it; the order of magnitude is right all the same.
+    assert!(truth(&linear.measured.multisines[0].spectrum) < 0.25);
+    let curved = run(&one_branch("[effects.butler_volmer]\nbranch = 1\nalpha = 0.3"));
+    let lines = &curved.measured.multisines[0].lines;
+    let slow: Vec<_> = lines.iter().filter(|line| line.freq_hz < 2.0).collect();
+    assert!(slow.iter().filter(|line| line.is_distorted()).count() >= 5, "{lines:#?}");
+    assert!(slow.iter().any(|line| line.even > 2.0e-3) && slow.iter().any(|line| line.odd > 2.0e-3), "{lines:#?}");
+    // The branch is shorted by its capacitance up there: nothing of its law is left.
+    assert!(lines.iter().filter(|line| line.freq_hz > 100.0).all(|line| !line.is_distorted()), "{lines:#?}");
+    assert!(curved.summary.contains("nonlinear distortion, at most "), "{}", curved.summary);
+}
+
+#[test]
+fn what_the_bench_cannot_play_or_hold_is_refused_in_words() {
+    let refused = |from: &str, to: &str| {
+        let files = one_branch("").edit(EXPERIMENT, from, to);
+        bench_daemon::config::load_experiment(&files.experiment(), None).unwrap_err().to_string()
+    };
+    for (from, to, text) in [
+        (
+            "periods = 5",
+            "periods = 6",
+            "multisine.bands.periods: expected whole periods that fill a screen of the scope, such as 100 s, found 60 s",
+        ),
+        ("peak = \"2 A\"", "peak = \"30 A\"", "multisine.peak: expected 0.01 A to "),
+        (
+            "base = \"5 Hz\"",
+            "base = \"0.2 Hz\"",
+            "multisine.bands.stop: expected at most 51.2 Hz, which the generator's 16384 steps of a period allow, found 300 Hz",
+        ),
+    ] {
+        let met = refused(from, to);
+        assert!(met.contains(text), "{met}");
+    }
+}

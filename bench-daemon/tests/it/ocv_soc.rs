@@ -1,0 +1,64 @@
+//! The open-circuit voltage over the state of charge on the simulated bench, against its truth.
+
+use analysis::{dataset::read_legs_csv, ocv::OcvCurve};
+use bench_daemon::{
+    command::run::{Finished, run_experiment},
+    config::{Experiment, load_experiment},
+};
+
+use crate::support::json;
+
+fn experiment() -> Experiment {
+    load_experiment(&crate::configuration::configs().join("experiments/ocv.toml"), None).unwrap()
+}
+
+/// The curve of a run and its greatest distance from the truth over 5 % to 95 %, V.
+fn worst_v(finished: &Finished, folder: &std::path::Path) -> (OcvCurve, f64) {
+    let curve: OcvCurve = serde_json::from_value(json(&folder.join("ocv.json"))).unwrap();
+    let world = finished.simulation.as_ref().unwrap().world().lock().unwrap();
+    let off = |k: i32| {
+        let soc = f64::from(k) / 100.0;
+        // The inverse of the true curve tells the same without a door to the true curve itself.
+        let found_v = curve.voltage_v(soc);
+        (world.truth_soc_at(found_v) - soc).abs() * curve.slope_v(soc)
+    };
+    let worst = (5..=95).map(off).fold(0.0, f64::max);
+    (curve, worst)
+}
+
+#[test]
+fn the_curve_is_the_truth_within_two_millivolts_and_the_interruptions_tell_the_resistance() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let finished = run_experiment(&experiment(), &run).unwrap();
+    let (curve, worst) = worst_v(&finished, &run);
+    assert!(worst < 2.0e-3, "off by {worst} V: {}", finished.summary);
+    assert!((curve.capacity_ah / 4.5 - 1.0).abs() < 2.0e-3, "{}", curve.capacity_ah);
+    // The cell's 13.8 mΩ and the wire that the load's terminals see, within the spread of the wire.
+    let found = json(&run.join("ocv_found.json"));
+    let dcir_ohm = found["extraction"]["dcir_ohm"].as_f64().unwrap();
+    assert!((0.0250..0.0265).contains(&dcir_ohm), "{dcir_ohm}");
+    assert_eq!((found["interruptions"].as_array().unwrap().len(), found["monotone"].as_bool()), (10, Some(true)));
+    // No hysteresis is hidden in this cell.
+    let half_v = found["extraction"]["charge"]["median_v"].as_f64().unwrap();
+    assert!(half_v.abs() < 1.0e-3, "{half_v}");
+    let down = read_legs_csv(&run.join("ocv_discharge.bdf.csv")).unwrap();
+    let drawn_c = -down.last().unwrap().charge_c;
+    assert!((drawn_c / 16_200.0 - 1.0).abs() < 5.0e-3, "{drawn_c} C");
+    let witness = finished.simulation.as_ref().unwrap().world().lock().unwrap().witness();
+    assert_eq!(witness.abuse_count, 0, "{witness:?}");
+}
+
+#[test]
+fn the_data_sheets_resistance_leaves_what_it_misses() {
+    let mut experiment = experiment();
+    let ocv = experiment.ocv_soc.as_mut().unwrap();
+    (ocv.dcir_ohm, ocv.interruptions, ocv.both_directions) = (Some(0.015), 0, false);
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let finished = run_experiment(&experiment, &run).unwrap();
+    let (_, worst) = worst_v(&finished, &run);
+    // 26 mΩ less 15 mΩ at 1 A.
+    assert!((0.008..0.016).contains(&worst), "off by {worst} V");
+    assert!(finished.summary.contains("OCV: compensated by 15.00 mΩ; 1 interruptions show"), "{}", finished.summary);
+}

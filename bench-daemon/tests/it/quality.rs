@@ -1,0 +1,98 @@
+//! The quality gate of a sweep on the simulated bench: each criterion fires on its own fault, a clean bench passes, and what passes later is kept.
+
+use std::fs;
+
+use analysis::dataset::RunIndex;
+use bench_daemon::command::run::{Finished, run_experiment};
+
+use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO};
+
+/// A sweep of the cell alone with the gate.
+fn gated(start_hz: f64, points: usize, gate: &str) -> Files {
+    Files::short(points)
+        .without(EXPERIMENT, "fixture_check")
+        .edit(EXPERIMENT, "start = \"100 Hz\"", &format!("start = \"{start_hz} Hz\""))
+        .append(EXPERIMENT, &format!("[eis.quality]\n{gate}"))
+}
+
+fn run(files: &Files) -> (Finished, RunIndex, String) {
+    let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
+    let read = |name: &str| fs::read_to_string(files.path("run").join(name)).unwrap();
+    (finished, serde_json::from_str(&read("traces.json")).unwrap(), read("events.csv"))
+}
+
+#[test]
+fn a_clean_bench_passes_the_gate_at_once() {
+    let (finished, index, events) = run(&gated(0.5, 8, ""));
+    assert_eq!(index.sweeps[0].flagged, [], "{}", finished.summary);
+    assert!(!events.contains("measured again") && !finished.summary.contains("quality gate"), "{}", finished.summary);
+    assert!(events.contains("measure again what the quality gate refuses: at most 10.0 min and 720 C in all"), "{events}");
+}
+
+/// A small cell that leaks, with an open-circuit voltage of so many volts over the state of charge.
+fn leaking(files: Files, rise_v: f64) -> Files {
+    let curve = format!("capacity_ah = 0.5\nocv = [{{ soc = 0.0, ocv_v = 3.5 }}, {{ soc = 1.0, ocv_v = {} }}]", 3.5 + rise_v);
+    files
+        .edit(SCENARIO, "initial_soc = 0.60", &format!("initial_soc = 0.60\n{curve}"))
+        .append(SCENARIO, "[effects.self_discharge]\ncurrent_a = 10.0")
+}
+
+/// Its resistances fall with the state of charge: by one per cent in a second.
+fn falling(files: Files) -> Files {
+    leaking(files, 0.05).append(SCENARIO, "[effects.soc_resistance]\nslope = 2.0\nreference_soc = 0.5")
+}
+
+#[test]
+fn every_criterion_fires_on_its_own_fault_and_the_point_is_flagged() {
+    let loose = "repeatability = \"50 %\"\ndrift = \"50 %\"";
+    let cases = [
+        ("noise", gated(100.0, 2, "").append(SCENARIO, "[harness]\nnoise_fraction = 0.05")),
+        // The supply cannot reach the crest of the sinusoid.
+        ("distortion", gated(100.0, 2, "").append(SCENARIO, "[drives.bipolar]\ngreatest_a = 0.9")),
+        ("drift", leaking(gated(1.0, 2, "drift = \"0.1 %\""), 0.8)),
+        ("difference of the halves", falling(gated(1.0, 2, ""))),
+        ("Kramers–Kronig residual", falling(gated(1.0, 8, loose))),
+    ];
+    for (criterion, files) in cases {
+        let (finished, index, events) = run(&files);
+        let flagged = &index.sweeps[0].flagged;
+        let named = |reason: &String| reason.starts_with(&format!("{criterion}: expected at most "));
+        assert!(flagged.iter().any(|point| point.reasons.iter().any(named)), "{criterion}: {flagged:#?}\n{events}");
+        assert!(events.contains("measured again: "), "{criterion}: {events}");
+        let summary = &finished.summary;
+        assert!(summary.contains("flagged by the quality gate after") && summary.contains(criterion), "{summary}");
+    }
+}
+
+#[test]
+fn a_channel_that_still_clips_after_every_change_of_range_is_flagged_or_measured_again() {
+    // Eighteen times too fine; four changes of range double it each.
+    let fine = |gate: &str| {
+        gated(100.0, 2, gate).edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"3 A\"").edit(BENCH, "\"40 mV\"", "\"0.4 mV\"")
+    };
+    let (_, index, _) = run(&fine("again = 0"));
+    assert!(index.sweeps[0].flagged[0].reasons[0].starts_with("clipped samples: expected at most 0 %, found "), "{index:?}");
+    let (_, index, events) = run(&fine(""));
+    assert!(index.sweeps[0].flagged.is_empty() && events.contains("measured again: clipped samples"), "{index:?}\n{events}");
+}
+
+#[test]
+fn no_budget_means_no_further_record_and_the_flag_all_the_same() {
+    for budget in ["time = \"0 s\"", "charge = \"0 C\"", "again = 0"] {
+        let (_, index, events) = run(&gated(100.0, 2, budget).append(SCENARIO, "[harness]\nnoise_fraction = 0.05"));
+        assert!(!index.sweeps[0].flagged.is_empty() && !events.contains(": measured again: "), "{budget}: {events}");
+    }
+}
+
+#[test]
+fn a_cell_that_comes_to_rest_meanwhile_is_measured_again_and_passes() {
+    let reset = "\n[soc_reset]\ndischarge_current = \"5 A\"\ndischarge_until = \"3.84 V\"\ncharge_current = \"3 A\"\ncharge_voltage = \"4.2 V\"\n\
+                 charge_until = \"4.0 V\"\nrest_min = \"1 s\"\nrest_max = \"2 s\"\nrest_slope = \"0.2 mV/min\"\nmax_duration = \"2 h\"";
+    let files = gated(1.0, 2, "again = 8\ndrift = \"0.1 %\"")
+        .append(EXPERIMENT, reset)
+        .append(SCENARIO, "[effects.slow_rc]\nr_ohm = 0.3\ntau_s = 60.0");
+    let (finished, index, events) = run(&files);
+    assert!(events.contains("measured again: drift: expected at most 0.10 %"), "{events}");
+    assert_eq!(index.sweeps[0].flagged, [], "{}", finished.summary);
+    assert!(files.path("run/captures/cell/point01_1.000000Hz_again1.parquet").exists());
+}
