@@ -2,7 +2,7 @@
 
 use super::block::{DataSetError, Desk, Kind};
 use super::data::{DataSet, Role};
-use super::experiment::{BenchLimits, PlannedRun, recommend};
+use super::experiment::{BenchLimits, PlannedRun, Playable, recommend};
 use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
 use super::localise::localise;
 use super::noise::{TERMS, Term};
@@ -34,11 +34,13 @@ pub struct DiagnosisOptions {
     pub guards: Guards,
     /// How far a recommended run may go; as far as the data unless told otherwise.
     pub limits: Option<BenchLimits>,
+    /// Which planned runs may be recommended; all unless told otherwise.
+    pub playable: Option<Playable>,
 }
 
 impl Default for DiagnosisOptions {
     fn default() -> Self {
-        Self { candidates: catalogue().to_vec(), guards: Guards::default(), limits: None }
+        Self { candidates: catalogue().to_vec(), guards: Guards::default(), limits: None, playable: None }
     }
 }
 
@@ -104,7 +106,7 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
     let held_out_z = held_out_z(problem, &selection.fit, &mut desk);
     judge(&mut d, &selection, (moved, held_out_z));
     let curves = curves(&prepared, &model.erm, (&base, &selection.fit), &mut desk);
-    let next = recommend(&prepared, d.verdict, (&base, &selection), options.limits);
+    let next = recommend(&prepared, d.verdict, (&base, &selection), (options.limits, options.playable.as_ref()));
     if next.is_none() && matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) {
         d.notes.push("no run of the menu would tell apart what is open".to_owned());
     }

@@ -17,6 +17,7 @@ mod problem;
 mod propose;
 pub mod report;
 mod select;
+mod shared;
 mod structure;
 mod whitening;
 pub mod yardstick;
@@ -25,7 +26,7 @@ pub use block::DataSetError;
 pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
 pub use diagnose::{DiagnosisOptions, Outcome, diagnose};
 pub use distinguish::distinguish;
-pub use experiment::{BenchLimits, Planned, PlannedRun};
+pub use experiment::{BenchLimits, Planned, PlannedRun, Playable};
 pub use guards::Guards;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence, FittedParameter, Gap, NamedEffect,

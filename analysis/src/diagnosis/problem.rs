@@ -2,6 +2,7 @@
 
 use super::block::{Block, Desk};
 use super::data::Role;
+use super::shared::Shared;
 use super::structure::{Axis, Member, Structure, at_bound};
 use super::whitening::{Whitener, dot};
 use crate::augmented::network;
@@ -23,7 +24,10 @@ const LONGEST_STEP: f64 = 1.0;
 pub(super) struct Problem {
     pub(super) base: Base,
     pub(super) blocks: Vec<Block>,
+    /// Of what is a run's own for training runs, of everything for others.
     pub(super) whiteners: Vec<Whitener>,
+    /// Takes what all training runs share out of their whitened rows.
+    pub(super) shared: Shared,
     /// Standard deviation of every row of every block.
     pub(super) floors: Vec<Vec<f64>>,
 }
@@ -43,6 +47,11 @@ pub(super) struct Fit {
 }
 
 impl Problem {
+    /// Without any noise yet.
+    pub(super) fn unweighed(base: Base, blocks: Vec<Block>) -> Self {
+        Self { base, blocks, whiteners: Vec::new(), shared: Shared::default(), floors: Vec::new() }
+    }
+
     pub(super) fn branches(&self) -> usize {
         self.base.erm.branches.len()
     }
@@ -94,7 +103,14 @@ impl Problem {
             self.blocks[k].predict((&base, &added, &network), structure.parts, desk, &mut rows);
             self.whiteners[k].apply(&rows, &mut all);
         }
+        self.take_shared(role, &mut all);
         all
+    }
+
+    fn take_shared(&self, role: Role, rows: &mut [f64]) {
+        if role == Role::Train {
+            self.shared.apply(rows);
+        }
     }
 
     /// Whitened measured training rows.
@@ -106,6 +122,7 @@ impl Problem {
     pub(super) fn target_of(&self, role: Role) -> Vec<f64> {
         let mut all = Vec::with_capacity(self.training_rows());
         self.of_role(role).for_each(|k| self.whiteners[k].apply(&self.blocks[k].measured, &mut all));
+        self.take_shared(role, &mut all);
         all
     }
 

@@ -18,7 +18,7 @@ use analysis::{
 };
 use instruments::{clock::TimeMode, mock::plant::Fixture, transport::Address};
 
-pub(crate) use check::LOAD_CUT_OFF_V;
+pub(crate) use check::{LOAD_CUT_OFF_V, check_frames};
 pub use resolve::{load_bench, load_experiment};
 pub use source::{ConfigError, Source};
 pub use trace::{Segment, Trace};

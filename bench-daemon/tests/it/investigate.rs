@@ -17,9 +17,14 @@ struct Hidden {
     names: &'static [&'static str],
 }
 
-const CASES: [Hidden; 20] = [
+const CASES: [Hidden; 25] = [
     Hidden { seed: 101, scenario: "", names: &[] },
     Hidden { seed: 102, scenario: "", names: &[] },
+    Hidden { seed: 121, scenario: "", names: &[] },
+    Hidden { seed: 122, scenario: "", names: &[] },
+    Hidden { seed: 123, scenario: "", names: &[] },
+    Hidden { seed: 124, scenario: "", names: &[] },
+    Hidden { seed: 125, scenario: "", names: &[] },
     Hidden { seed: 103, scenario: "[effects.arrhenius]\nenergy_j_per_mol = 1500\nreference_c = 25", names: &["self_heating"] },
     Hidden { seed: 104, scenario: "[effects.slow_rc]\nr_ohm = 1e-4\ntau_s = 300", names: &["rc_slow"] },
     Hidden { seed: 105, scenario: "[effects.slow_rc]\nr_ohm = 5e-5\ntau_s = 150", names: &["rc_slow"] },
@@ -50,7 +55,10 @@ enum Score {
 }
 
 fn play(case: &Hidden) -> (Score, Investigation) {
-    let folder = tempfile::tempdir().unwrap();
+    let mut folder = tempfile::tempdir().unwrap();
+    if let Some(kept) = std::env::var_os("EIS_BENCH_KEEP") {
+        folder = tempfile::Builder::new().prefix(&format!("case{}_", case.seed)).disable_cleanup(true).tempdir_in(kept).unwrap();
+    }
     for name in ["experiments/investigate.toml", "experiments/investigate_profile.csv", "benches/investigate.toml", "cells/p45b.toml"] {
         let path = folder.path().join(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -101,10 +109,11 @@ fn line(case: &Hidden, score: Score, investigation: &Investigation) -> String {
 
 #[test]
 fn nothing_hidden_ends_at_the_floor_and_what_is_hidden_is_found() {
-    let all = std::env::var("EIS_BENCH_INVESTIGATE").is_ok_and(|which| which == "all");
+    let which = std::env::var("EIS_BENCH_INVESTIGATE").unwrap_or_else(|_| "101,103".to_owned());
+    let wanted = |case: &&Hidden| which == "all" || which.split(',').any(|seed| seed == case.seed.to_string());
     let played: Vec<(&Hidden, Score, Investigation)> = CASES
         .iter()
-        .filter(|case| all || [101, 103].contains(&case.seed))
+        .filter(wanted)
         .map(|case| {
             let (score, investigation) = play(case);
             eprintln!("{}", line(case, score, &investigation));

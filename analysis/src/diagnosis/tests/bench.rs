@@ -74,6 +74,7 @@ pub(super) const HISTORY: BenchHistory = BenchHistory {
     current_resolution_a: 0.0,
     eis_noise_rel: 1e-3,
     calibration_rel: 0.0,
+    channel_gain_rel: 0.0,
     start_voltage_v: 0.0,
 };
 
