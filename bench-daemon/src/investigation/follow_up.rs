@@ -108,7 +108,10 @@ impl Site {
 
 fn trace(first: &Experiment, (run, ocv): (&PlannedRun, &OcvCurve), segments: &[(f64, f64)]) -> Result<Trace, String> {
     let like = first.traces.first().ok_or("the campaign has no trace to take its sampling from")?;
-    let (middle_v, limits) = (ocv.voltage_v(run.soc), &first.cell.limits);
+    let limits = &first.cell.limits;
+    // Every repeat begins where the one before it has ended.
+    let moved_c: f64 = segments.iter().map(|(span_s, amps)| span_s * amps).sum::<f64>() * run.repeat.saturating_sub(1) as f64;
+    let (begin_v, end_v) = (ocv.voltage_v(run.soc), ocv.voltage_v(run.soc - moved_c / (3600.0 * ocv.capacity_ah)));
     let segment = |(span_s, amps): &(f64, f64)| Segment { current_a: 0.0 - amps, duration_s: span_s.max(SHORTEST_S) };
     Ok(Trace {
         name: run.name.clone(),
@@ -116,7 +119,7 @@ fn trace(first: &Experiment, (run, ocv): (&PlannedRun, &OcvCurve), segments: &[(
         repeat_group: run.repeat_group.clone(),
         repeat: run.repeat,
         rest_s: run.settle_s.min(600.0),
-        start_v: ((middle_v - START_WITHIN_V).max(limits.min_v), (middle_v + START_WITHIN_V).min(limits.max_v)),
+        start_v: ((begin_v.min(end_v) - START_WITHIN_V).max(limits.min_v), (begin_v.max(end_v) + START_WITHIN_V).min(limits.max_v)),
         segments: segments.iter().map(segment).collect(),
         ..like.clone()
     })

@@ -17,7 +17,7 @@ struct Hidden {
     names: &'static [&'static str],
 }
 
-const CASES: [Hidden; 25] = [
+const CASES: [Hidden; 27] = [
     Hidden { seed: 101, scenario: "", names: &[] },
     Hidden { seed: 102, scenario: "", names: &[] },
     Hidden { seed: 121, scenario: "", names: &[] },
@@ -26,23 +26,25 @@ const CASES: [Hidden; 25] = [
     Hidden { seed: 124, scenario: "", names: &[] },
     Hidden { seed: 125, scenario: "", names: &[] },
     Hidden { seed: 103, scenario: "[effects.arrhenius]\nenergy_j_per_mol = 1500\nreference_c = 25", names: &["self_heating"] },
-    Hidden { seed: 104, scenario: "[effects.slow_rc]\nr_ohm = 1e-4\ntau_s = 300", names: &["rc_slow"] },
-    Hidden { seed: 105, scenario: "[effects.slow_rc]\nr_ohm = 5e-5\ntau_s = 150", names: &["rc_slow"] },
-    Hidden { seed: 106, scenario: "[effects.diffusion]\nr_ohm = 1e-4\ntau_s = 600", names: &["diffusion"] },
-    Hidden { seed: 107, scenario: "[effects.diffusion]\nr_ohm = 2e-4\ntau_s = 1500", names: &["diffusion"] },
+    Hidden { seed: 104, scenario: "[effects.slow_rc]\nr_ohm = 3e-4\ntau_s = 200", names: &["rc_slow"] },
+    Hidden { seed: 105, scenario: "[effects.slow_rc]\nr_ohm = 2e-4\ntau_s = 150", names: &["rc_slow"] },
+    Hidden { seed: 106, scenario: "[effects.diffusion]\nr_ohm = 1e-4\ntau_s = 1000", names: &["diffusion"] },
+    Hidden { seed: 107, scenario: "[effects.diffusion]\nr_ohm = 2e-4\ntau_s = 600", names: &["diffusion"] },
     Hidden { seed: 108, scenario: "[effects.butler_volmer]\nbranch = 1\nalpha = 0.5", names: &["butler_volmer"] },
     Hidden { seed: 109, scenario: "[effects.butler_volmer]\nbranch = 3\nalpha = 0.4", names: &["butler_volmer_asymmetric"] },
     Hidden { seed: 110, scenario: "[effects.entropy]\nv_per_k = 1e-4\nreference_c = 25", names: &["entropic_heat"] },
     Hidden { seed: 111, scenario: "[effects.hysteresis]\nhalf_width_v = 8e-4\nrate = 30", names: &["hysteresis"] },
     Hidden { seed: 112, scenario: "[effects.hysteresis]\nhalf_width_v = 5e-4\nrate = 60", names: &["hysteresis"] },
     Hidden { seed: 113, scenario: "[effects.soc_resistance]\nslope = -0.05\nreference_soc = 0.5", names: &["soc_resistance"] },
-    Hidden { seed: 114, scenario: "[effects.asymmetry]\nexcess = 0.005", names: &["current_asymmetry"] },
-    Hidden { seed: 115, scenario: "[effects.asymmetry]\nexcess = -0.003", names: &["current_asymmetry"] },
+    Hidden { seed: 114, scenario: "[effects.asymmetry]\nexcess = 0.01", names: &["current_asymmetry"] },
+    Hidden { seed: 115, scenario: "[effects.asymmetry]\nexcess = -0.02", names: &["current_asymmetry"] },
     Hidden { seed: 116, scenario: "[effects.self_discharge]\ncurrent_a = 0.01", names: &["self_discharge"] },
     Hidden { seed: 117, scenario: "[effects.ageing]\nper_hour = 0.002", names: &["ageing"] },
     Hidden { seed: 118, scenario: "[effects.inductance]\nl_h = 5e-8", names: &["inductance"] },
     Hidden { seed: 119, scenario: "[effects.after_controls]\njig_zero_v_per_h = 1e-3", names: &["thermal_emf"] },
     Hidden { seed: 120, scenario: "capacity_ah = 4.45", names: &["ocv_slope"] },
+    Hidden { seed: 126, scenario: "[effects.after_controls]\nskew_s = 2e-6", names: &["time_skew"] },
+    Hidden { seed: 127, scenario: "[effects.depressed_arc]\nbranch = 3\nalpha = 0.9", names: &["cpe"] },
 ];
 
 /// How a case ended against what was hidden.
@@ -76,7 +78,7 @@ fn play(case: &Hidden) -> (Score, Investigation) {
     experiment.seed = case.seed;
     let out = folder.path().join("out");
     let means = Means { out: &out, ocv: experiment.cell.ocv.clone().unwrap(), budget: Budget { minutes: 600.0, charge_ah: 30.0 } };
-    let investigation = investigate(&experiment, &means).unwrap();
+    let investigation = investigate(&experiment, &means).unwrap_or_else(|error| panic!("{}: {error}", case.scenario));
     for name in ["investigation.json", "investigation.md", "model.json", "dataset/dataset.toml", "campaign/traces.json"] {
         assert!(out.join(name).is_file(), "{name}");
     }

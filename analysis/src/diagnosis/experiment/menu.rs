@@ -114,7 +114,8 @@ impl<'a> Campaign<'a> {
     fn trace(&self, name: &'static str, description: String, segments: Vec<(f64, f64)>) -> Option<MenuItem> {
         let capacity_c = 3600.0 * self.problem.base.ocv.capacity_ah;
         let mut soc = self.soc;
-        for (span_s, amps) in &segments {
+        // Every repeat begins where the one before it has ended.
+        for (span_s, amps) in std::iter::repeat_n(&segments, REPEAT).flatten() {
             soc -= span_s * amps / capacity_c;
             let allowed = span_s.is_finite() && *amps <= self.limits.discharge_a + 1e-9 && -amps <= self.limits.charge_a + 1e-9;
             if !allowed || soc < SOC_WITHIN.0 || soc > SOC_WITHIN.1 {
@@ -251,9 +252,10 @@ fn long_pulse(campaign: &Campaign<'_>) -> Option<MenuItem> {
 
 /// Long enough for what takes an hour to settle.
 fn slow_pulse(campaign: &Campaign<'_>) -> Option<MenuItem> {
-    let amps = (0.3 * campaign.limits.discharge_a).min(campaign.problem.base.ocv.capacity_ah);
-    let words = format!("{amps:.1} A for 10 min, then 90 min of rest");
-    (amps > 0.0).then(|| campaign.trace("slow_pulse", words, vec![(2.0, 0.0), (600.0, amps), (5400.0, 0.0)])).flatten()
+    let amps = campaign.both_ways_a().min(campaign.problem.base.ocv.capacity_ah);
+    let words = format!("{amps:.1} A out for 5 min, 40 min of rest, and the same back");
+    let segments = vec![(2.0, 0.0), (300.0, amps), (2400.0, 0.0), (300.0, -amps), (2400.0, 0.0)];
+    (amps > 0.0).then(|| campaign.trace("slow_pulse", words, segments)).flatten()
 }
 
 /// Loops of charge around the start, ever smaller and then ever larger.
