@@ -176,7 +176,6 @@ pub(super) fn recommend(
     let mut rated: Vec<Rated> =
         items.into_iter().filter_map(|item| planned(item, &mut desk).map(|p| Rated::new(p, &open, 1, &mut desk))).collect();
     rated.sort_by(Rated::order);
-    if std::env::var_os("DBG").is_some() {
         for p in &open.pairs {
             eprint!("[{}→{}] ", open.fits[p.truth].0, open.fits[p.other].0);
         }
