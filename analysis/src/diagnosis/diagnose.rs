@@ -3,7 +3,7 @@
 use super::block::{DataSetError, Desk, Kind};
 use super::data::{DataSet, Role};
 use super::experiment::{BenchLimits, PlannedRun, Playable, recommend};
-use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, Guards, LEAST_BLOCK_P, LEAST_SCORE, SENTINEL_Z};
+use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
 use super::localise::localise;
 use super::noise::{TERMS, Term};
 use super::outcome::{
@@ -22,8 +22,6 @@ use num_complex::Complex64;
 
 /// How far the time constants of other starts of the base lie from the model's, as a factor.
 const OTHER_STARTS: [f64; 2] = [0.6, 1.7];
-/// Times that a base may turn out to have been in a wrong minimum.
-const MOST_BASES: usize = 3;
 /// 97.5 % quantile of the normal distribution.
 const TWO_SIDED_95: f64 = 1.959_964;
 
@@ -71,14 +69,14 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
     if prepared.problem.degrees_of_freedom(&base) < 1.0 {
         return Err(DataSetError::Set { name: set.name.clone(), expected: "more training rows than the model has parameters" });
     }
-    let mut selection = searched(&prepared, options, &mut base);
+    let mut selection = search(&prepared, options).run(&base);
     let mut moved = if guards.sentinel { moved_floor(&prepared) } else { None };
     if moved.is_some() {
         // A missing effect can look like noise that moved: judge the repeats again by what is left of them.
         prepared = prepared.again(&selection.fit, guards)?;
         moved = moved_floor(&prepared);
         base = base_fit(&prepared.problem, &model.erm, &mut desk);
-        selection = if moved.is_some() { Selection::nothing(&base) } else { searched(&prepared, options, &mut base) };
+        selection = if moved.is_some() { Selection::nothing(&base) } else { search(&prepared, options).run(&base) };
     }
     let problem = &prepared.problem;
     let before = localise(problem, &base, guards.tangent_projection, &mut desk);
@@ -149,24 +147,8 @@ fn moved_floor(prepared: &Prepared) -> Option<String> {
     (z > SENTINEL_Z).then(|| format!("{} has left the bench's history by {z:.1} standard deviations", TERMS[k].1))
 }
 
-/// What is missing from a base. Where the base does better from what it became beside an effect than from the model, it was in a wrong minimum: then
-/// that is the base, and everything is searched again.
-fn searched(prepared: &Prepared, options: &DiagnosisOptions, base: &mut Fit) -> Selection {
-    let problem = &prepared.problem;
-    let mut search = Search { problem, candidates: &options.candidates, guards: options.guards, desk: Desk::default() };
-    let mut selection = search.run(base);
-    for _ in 0..MOST_BASES {
-        if selection.taken.is_empty() {
-            break;
-        }
-        let alone = problem.fit_from(&base.structure, selection.fit.x[..base.x.len()].to_vec(), base.axes.clone(), &mut search.desk);
-        if alone.chi2 > base.chi2 - LEAST_SCORE {
-            break;
-        }
-        *base = alone;
-        selection = search.run(base);
-    }
-    selection
+fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions) -> Search<'a> {
+    Search { problem: &prepared.problem, candidates: &options.candidates, guards: options.guards, desk: Desk::default() }
 }
 
 fn quality(problem: &Problem, base: &Fit, after: &Fit) -> Quality {

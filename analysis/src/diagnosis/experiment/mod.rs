@@ -176,15 +176,6 @@ pub(super) fn recommend(
     let mut rated: Vec<Rated> =
         items.into_iter().filter_map(|item| planned(item, &mut desk).map(|p| Rated::new(p, &open, 1, &mut desk))).collect();
     rated.sort_by(Rated::order);
-        for p in &open.pairs {
-            eprint!("[{}→{}] ", open.fits[p.truth].0, open.fits[p.other].0);
-        }
-        eprintln!();
-        eprintln!("now {now:.1?}");
-        for r in &rated {
-            eprintln!("{:25} {:6.1} min settled {:.3} {:.1?}", r.item.name, r.item.duration_min(), r.settled, r.then);
-        }
-    }
     let mut rated: Vec<Rated> = rated.into_iter().take(REFINED).map(|r| Rated::new((r.item, r.planned), &open, STEPS, &mut desk)).collect();
     rated.sort_by(Rated::order);
     let best = rated.into_iter().next()?;
