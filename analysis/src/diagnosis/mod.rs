@@ -1,6 +1,8 @@
 //! The discrepancy workflow: where do simulation and measurement disagree, what is missing, does adding it close the gap.
 
+mod accept;
 mod additions;
+mod attempts;
 mod block;
 mod data;
 mod diagnose;
@@ -9,6 +11,7 @@ mod edges;
 mod experiment;
 pub mod gate;
 mod guards;
+mod intervals;
 mod localise;
 mod noise;
 mod outcome;
@@ -16,6 +19,7 @@ mod prepare;
 mod problem;
 mod propose;
 pub mod report;
+mod rivals;
 mod select;
 mod shared;
 mod structure;

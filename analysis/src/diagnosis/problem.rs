@@ -11,13 +11,13 @@ use crate::fit::linalg::{cholesky, cholesky_substitute, invert};
 use crate::model::Erm;
 
 /// Steps of a fit at most.
-const ITERATIONS: usize = 40;
+const ITERATIONS: usize = 60;
 /// A fit ends when less χ² than this is promised.
 const PROMISE: f64 = 2e-3;
+/// χ² that a further step may still promise where a fit counts as converged.
+const CONVERGED: f64 = 0.1;
 /// Information given to a coordinate in any case: a move by 1 changes the prediction by less than 1e-4 standard deviations.
 const UNMOVED: f64 = 1e-8;
-/// Longest move of one coordinate.
-const LONGEST_STEP: f64 = 1.0;
 
 /// Everything that stays while structures change.
 #[derive(Debug)]
@@ -44,6 +44,8 @@ pub(super) struct Fit {
     pub(super) residuals: Vec<f64>,
     /// Derivatives of the whitened prediction, one column per parameter.
     pub(super) columns: Vec<Vec<f64>>,
+    /// False where a further step promises a lower χ²: no evidence then.
+    pub(super) converged: bool,
 }
 
 impl Problem {
@@ -54,6 +56,11 @@ impl Problem {
 
     pub(super) fn branches(&self) -> usize {
         self.base.erm.branches.len()
+    }
+
+    /// Coordinates of the model file's own base.
+    pub(super) fn start(&self) -> Vec<f64> {
+        Structure::default().encode(&self.base.erm)
     }
 
     /// Rows of the training runs.
@@ -201,6 +208,14 @@ impl Problem {
         self.fit_from(&structure, x, axes, desk)
     }
 
+    /// A structure at a vector, as it is.
+    pub(super) fn at(&self, structure: &Structure, x: Vec<f64>, axes: Vec<Axis>, desk: &mut Desk) -> Fit {
+        let predicted = self.whitened((structure, &x), desk);
+        let residuals: Vec<f64> = self.target().iter().zip(&predicted).map(|(t, p)| t - p).collect();
+        let columns = self.columns(structure, (&x, &axes), &predicted, desk);
+        Fit { structure: structure.clone(), x, axes, chi2: dot(&residuals, &residuals), residuals, columns, converged: false }
+    }
+
     /// Fits a structure from a vector.
     pub(super) fn fit_from(&self, structure: &Structure, mut x: Vec<f64>, axes: Vec<Axis>, desk: &mut Desk) -> Fit {
         let target = self.target();
@@ -234,7 +249,8 @@ impl Problem {
                 }
             }
         }
-        Fit { structure: structure.clone(), x, axes, chi2, residuals, columns }
+        let converged = step(&columns, &residuals, (&x, &axes), 0.0).is_none_or(|(_, promise)| promise < CONVERGED);
+        Fit { structure: structure.clone(), x, axes, chi2, residuals, columns, converged }
     }
 }
 
@@ -268,10 +284,9 @@ pub(super) fn step(columns: &[Vec<f64>], residuals: &[f64], (x, axes): (&[f64], 
     }
     cholesky_substitute(&a, m, &mut part);
     let promise: f64 = part.iter().zip(&free).map(|(s, k)| s * gradient[*k]).sum();
-    let longest = part.iter().fold(0.0f64, |m, s| m.max(s.abs()));
-    let shrink = (LONGEST_STEP / longest).min(1.0);
     let mut step = vec![0.0; x.len()];
-    free.iter().zip(&part).for_each(|(k, s)| step[*k] = shrink * s);
+    // Each by itself: one that the data hardly fix must not hold the others up.
+    free.iter().zip(&part).for_each(|(k, s)| step[*k] = s.clamp(-axes[*k].longest, axes[*k].longest));
     Some((step, promise))
 }
 
