@@ -145,16 +145,16 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
         loaded: join::campaign(&first, experiment)?,
         spent: Budget { minutes: 0.0, charge_ah: 0.0 },
     };
-    let (mut outcome, mut refused) = desk.diagnose(&[])?;
+    let (mut outcome, mut asked) = desk.diagnose(&[])?;
     let mut steps = vec![step(&first, None, &outcome.diagnosis)];
     let (end, end_text) = loop {
-        let (next, experiment) = match desk.next((&outcome, &refused), &steps) {
+        let (next, experiment) = match desk.next((&outcome, &asked), &steps) {
             Ok(next) => next,
             Err(end) => break end,
         };
         let folder = means.out.join(format!("{}_{}", steps.len(), next.name));
         let minutes = desk.buy(&experiment, (&next, &outcome.next_runs), &folder)?;
-        (outcome, refused) = desk.diagnose(&steps.iter().filter_map(Step::bought).chain([next.name]).collect::<Vec<_>>())?;
+        (outcome, asked) = desk.diagnose(&steps.iter().filter_map(Step::bought).chain([next.name]).collect::<Vec<_>>())?;
         steps.push(step(&folder, Some(Bought { experiment: next, minutes }), &outcome.diagnosis));
     };
     write_dataset(&means.out.join("dataset"), &desk.loaded.set).map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -181,8 +181,14 @@ struct Desk<'a> {
     spent: Budget,
 }
 
-/// Why a run of the menu was not recommended, and how that would let the investigation end.
-type Refused = (End, String);
+/// What became of the runs of the menu.
+#[derive(Debug, Clone, Default)]
+struct Asked {
+    /// Names of those that can be played.
+    allowed: Vec<String>,
+    /// Name, how it would let the investigation end, and why it cannot be played.
+    refused: Vec<(String, End, String)>,
+}
 
 impl Step {
     /// Name of the run that was bought.
@@ -192,8 +198,8 @@ impl Step {
 }
 
 impl Desk<'_> {
-    /// The diagnosis of everything measured so far, and why runs of the menu were not recommended.
-    fn diagnose(&self, bought: &[&'static str]) -> Result<(Outcome, Vec<Refused>), Failure> {
+    /// The diagnosis of everything measured so far, and what became of the runs of the menu.
+    fn diagnose(&self, bought: &[&'static str]) -> Result<(Outcome, Asked), Failure> {
         let limits = &self.experiment.cell.limits;
         let part = |limit_a: f64| LIMIT_PART * limit_a.min(BENCH_A);
         let limits = BenchLimits {
@@ -202,22 +208,19 @@ impl Desk<'_> {
             highest_hz: HIGHEST_HZ,
             shunt_ohm: Some(self.experiment.bench.wiring.shunt.r_ohm),
         };
-        let refused = Arc::new(Mutex::new(Vec::new()));
-        let options = DiagnosisOptions {
-            limits: Some(limits),
-            playable: Some(self.playable(bought, refused.clone())),
-            ..DiagnosisOptions::default()
-        };
+        let asked = Arc::new(Mutex::new(Asked::default()));
+        let options =
+            DiagnosisOptions { limits: Some(limits), playable: Some(self.playable(bought, asked.clone())), ..DiagnosisOptions::default() };
         let unreadable = self.loaded.problems.iter().map(|problem| gate::Reason::unreadable(&problem.run, &problem.text)).collect();
         let mut outcome = gate::diagnose_gated(&self.loaded.set, unreadable, &self.model, &options)
             .map_err(|error| Failure::Analysis(error.to_string()))?;
         outcome.diagnosis.notes.extend(self.loaded.notes.iter().cloned());
-        let refused = refused.lock().map_or_else(|_| Vec::new(), |all| all.clone());
-        Ok((outcome, refused))
+        let asked = asked.lock().map_or_else(|_| Asked::default(), |asked| asked.clone());
+        Ok((outcome, asked))
     }
 
     /// Refuses what was bought already, what bench or cell cannot do, and what the budget does not pay.
-    fn playable(&self, bought: &[&'static str], refused: Arc<Mutex<Vec<Refused>>>) -> Playable {
+    fn playable(&self, bought: &[&'static str], asked: Arc<Mutex<Asked>>) -> Playable {
         let (site, bought) = (Site::new(self.experiment, &self.loaded.set, &self.model.ocv), bought.to_vec());
         let (minutes_left, ah_left) = (self.means.budget.minutes - self.spent.minutes, self.means.budget.charge_ah - self.spent.charge_ah);
         Arc::new(move |name, runs| {
@@ -231,15 +234,19 @@ impl Desk<'_> {
                 }
                 Ok(_) => Ok(()),
             };
-            if let (Err((end, reason)), Ok(mut refused)) = (&found, refused.lock()) {
-                refused.push((*end, format!("{name}: {reason}")));
+            let allowed = found.is_ok();
+            if let Ok(mut asked) = asked.lock() {
+                match found {
+                    Ok(()) => asked.allowed.push(name.to_owned()),
+                    Err((end, reason)) => asked.refused.push((name.to_owned(), end, reason)),
+                }
             }
-            found.is_ok()
+            allowed
         })
     }
 
     /// The experiment that is worth its price, or why the investigation ends.
-    fn next(&self, (outcome, refused): (&Outcome, &[Refused]), steps: &[Step]) -> Result<(NextExperiment, Experiment), (End, String)> {
+    fn next(&self, (outcome, asked): (&Outcome, &Asked), steps: &[Step]) -> Result<(NextExperiment, Experiment), (End, String)> {
         let diagnosis = &outcome.diagnosis;
         match diagnosis.verdict {
             Verdict::Explained => return Err((End::Explained, "what was missing has a name".to_owned())),
@@ -248,9 +255,11 @@ impl Desk<'_> {
             Verdict::Ambiguous | Verdict::Unexplained => {}
         }
         let Some(next) = diagnosis.next_experiment.as_ref().filter(|_| steps.len() <= MOST_RUNS) else {
-            let budget = refused.iter().any(|(end, _)| *end == End::Budget) || steps.len() > MOST_RUNS;
-            let reasons: Vec<&str> = refused.iter().map(|(_, reason)| reason.as_str()).collect();
-            let text = format!("no run that can be played would tell more; not asked for: {}", reasons.join("; "));
+            let refused = || asked.refused.iter().filter(|(name, ..)| !asked.allowed.contains(name));
+            let budget = refused().any(|(_, end, _)| *end == End::Budget) || steps.len() > MOST_RUNS;
+            let reasons: Vec<String> = refused().map(|(name, _, reason)| format!("{name}: {reason}")).collect();
+            let without = if reasons.is_empty() { String::new() } else { format!("; not asked for: {}", reasons.join("; ")) };
+            let text = format!("no run that can be played would tell more{without}");
             return Err((if budget { End::Budget } else { End::NoExperiment }, text));
         };
         let site = Site::new(self.experiment, &self.loaded.set, &self.model.ocv);
