@@ -35,7 +35,7 @@ use crate::{
 const SCHEMA: &str = "eis-bench/investigation";
 /// Runs that a diagnosis may ask for, at most.
 const MOST_RUNS: usize = 6;
-/// Highest order that is tried where the experiment leaves the order open.
+/// Highest order that is tried where the experiment states none.
 const MOST_RC: usize = 6;
 /// Part of a limit that planned currents use: what is driven scatters around what is commanded.
 const LIMIT_PART: f64 = 0.94;
@@ -297,9 +297,10 @@ fn base_model(experiment: &Experiment, measured: &Measured, means: &Means<'_>) -
     let (seed, bounds) = (experiment.seed, Bounds::for_spectra(&sweeps));
     let rc = match experiment.fit.rc.as_slice() {
         [rc] => *rc,
-        _ => {
+        orders => {
+            let most = orders.iter().copied().max().unwrap_or(MOST_RC);
             let cells = [CellSweeps { cell: experiment.cell.name.clone(), named: true, sweeps: sweeps.clone() }];
-            let options = OrderOptions { most: MOST_RC, bounds, seed };
+            let options = OrderOptions { most, bounds, seed };
             select_order(&cells, &options).map_err(|error| refused(&error))?.recommended
         }
     };

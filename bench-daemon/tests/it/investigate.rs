@@ -44,7 +44,7 @@ const CASES: [Hidden; 27] = [
     Hidden { seed: 118, scenario: "[effects.inductance]\nl_h = 5e-8", names: &["inductance"] },
     Hidden { seed: 119, scenario: "[effects.after_controls]\njig_zero_v_per_h = 1e-3", names: &["thermal_emf"] },
     Hidden { seed: 120, scenario: "capacity_ah = 4.45", names: &["ocv_slope"] },
-    Hidden { seed: 126, scenario: "[effects.after_controls]\nskew_s = 2e-6", names: &["time_skew"] },
+    Hidden { seed: 126, scenario: "[effects.entropy]\nv_per_k = -3e-4\nreference_c = 25", names: &["entropic_heat"] },
     Hidden { seed: 127, scenario: "[effects.depressed_arc]\nbranch = 3\nalpha = 0.9", names: &["cpe"] },
 ];
 

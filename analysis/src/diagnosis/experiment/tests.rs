@@ -1,6 +1,6 @@
 use super::menu::{Campaign, menu};
 use super::separate::{View, separation_chi2};
-use super::{BenchLimits, Open, Planned, PlannedRun, recommend};
+use super::{BenchLimits, Open, Planned, PlannedRun, Playable, recommend};
 use crate::diagnosis::block::Desk;
 use crate::diagnosis::data::{DataSet, Fixture, RunData};
 use crate::diagnosis::gate::tests::sim::{Hidden, campaign, model};
@@ -72,6 +72,26 @@ fn an_inductance_is_told_from_a_skew_by_a_shunt() {
     assert!(next.charge_ah == 0.0 && next.duration_min > 2.0, "{next:?}");
     let after = cell_runs(storage).runs.iter().map(|run| run.order).max().unwrap() + 1;
     assert!(runs.iter().all(|run| matches!(run.fixture, Fixture::Shunt(_)) && run.order == after), "{runs:?}");
+}
+
+#[test]
+fn what_cannot_be_played_is_not_recommended() {
+    let p = prepared(&cell_runs(inductive));
+    let (base, selection) = selected(&p, 1e3, &["inductance", "time_skew"]);
+    let asked = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
+    let seen = asked.clone();
+    let playable: Playable = std::sync::Arc::new(move |name: &str, runs: &[PlannedRun]| {
+        seen.lock().unwrap().push((name.to_owned(), runs.len()));
+        !name.starts_with("shunt")
+    });
+    let next = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, Some(&playable)));
+    assert!(next.is_none_or(|(next, _)| !next.name.starts_with("shunt")));
+    assert!(asked.lock().unwrap().contains(&("shunt_sweep".to_owned(), 1)));
+    // Of one shunt only that one can be swept.
+    let limits = BenchLimits { discharge_a: 18.0, charge_a: 12.0, highest_hz: 1000.0, shunt_ohm: Some(9.96e-3) };
+    let items = menu(&Campaign::new(&p.problem, Some(limits)));
+    let shunts: Vec<&Fixture> = items.iter().flat_map(|i| &i.runs).map(|r| &r.fixture).filter(|f| matches!(f, Fixture::Shunt(_))).collect();
+    assert_eq!(shunts, [&Fixture::Shunt(9.96e-3)]);
 }
 
 #[test]
