@@ -45,7 +45,7 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
     let blocks = blocks(set, &base)?;
     let prior = Prior::new(set.history, &base);
     let mut desk = Desk::default();
-    let mut shapes: Vec<Shape> = blocks.iter().map(|b| Shape::new(b, &base, &prior, &mut desk)).collect();
+    let mut shapes = shapes(&blocks, (&base, &prior), &mut desk);
     if !guards.current_channel_noise {
         shapes.iter_mut().for_each(Shape::forget_current_channel);
     }
@@ -72,6 +72,17 @@ fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     Ok(blocks)
 }
 
+/// The shape of every block's noise.
+fn shapes(blocks: &[Block], (base, prior): (&Base, &Prior), desk: &mut Desk) -> Vec<Shape> {
+    let repeats = |b: &Block| blocks.iter().filter(|o| o.group == b.group && o.role == b.role).count();
+    let shape = |b: &Block| {
+        let mut shape = Shape::new(b, base, prior, desk);
+        shape.share_codes(repeats(b));
+        shape
+    };
+    blocks.iter().map(shape).collect()
+}
+
 /// Whitener and standard deviations of every block.
 fn weigh(blocks: &[Block], shapes: &[Shape], estimate: &Estimate) -> Result<(Vec<Whitener>, Vec<Vec<f64>>), DataSetError> {
     let mut whiteners = Vec::with_capacity(blocks.len());
@@ -92,7 +103,7 @@ impl Prepared {
     pub(super) fn again(mut self, fit: &Fit, guards: Guards) -> Result<Self, DataSetError> {
         let mut desk = Desk::default();
         let problem = &mut self.problem;
-        let mut shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
+        let mut shapes = shapes(&problem.blocks, (&problem.base, &self.prior), &mut desk);
         if !guards.current_channel_noise {
             shapes.iter_mut().for_each(Shape::forget_current_channel);
         }
@@ -113,7 +124,7 @@ impl Prepared {
         let problem = &mut self.problem;
         problem.blocks = blocks(set, &problem.base)?;
         let mut desk = Desk::default();
-        let shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
+        let shapes = shapes(&problem.blocks, (&problem.base, &self.prior), &mut desk);
         (problem.whiteners, problem.floors) = weigh(&problem.blocks, &shapes, &self.estimate)?;
         Ok(self)
     }
