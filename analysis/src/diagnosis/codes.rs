@@ -61,13 +61,13 @@ mod tests {
                 let density = |x: f64| (-0.5 * (x / sigma).powi(2)).exp() / (sigma * TAU.sqrt());
                 let (count, reach) = (4000, 8.0 * sigma);
                 let h = 2.0 * reach / f64::from(count);
-                (0..count).map(|k| -reach + (f64::from(k) + 0.5) * h).map(|x| h * density(x) * (((v + x) / step).round() * step - v)).sum::<f64>()
+                (0..count)
+                    .map(|k| -reach + (f64::from(k) + 0.5) * h)
+                    .map(|x| h * density(x) * (((v + x) / step).round() * step - v))
+                    .sum::<f64>()
             };
             let places = 200;
-            let mean = (0..places)
-                .map(|k| step * f64::from(k) / f64::from(places))
-                .map(|v| bias(v) * bias(v + apart))
-                .sum::<f64>()
+            let mean = (0..places).map(|k| step * f64::from(k) / f64::from(places)).map(|v| bias(v) * bias(v + apart)).sum::<f64>()
                 / f64::from(places);
             let met = codes.covariance(apart);
             assert!((met - mean).abs() < 2e-3 * step * step / 12.0, "σ {sigma}, {apart} apart: {met} against {mean}");

@@ -3,12 +3,13 @@
 use super::block::{DataSetError, Desk, Kind};
 use super::data::{DataSet, Role};
 use super::experiment::{BenchLimits, PlannedRun, recommend};
-use super::intervals::named;
 use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
+use super::intervals::named;
 use super::localise::localise;
 use super::noise::{TERMS, Term};
 use super::outcome::{
-    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Gap, NoiseReport, NoiseTerm, Quality, Rival, RunCurves, SpectrumGap, Verdict,
+    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Gap, NoiseReport, NoiseTerm, Quality, Rival, RunCurves, SpectrumGap,
+    Verdict,
 };
 use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};

@@ -183,7 +183,9 @@ impl Shape {
             drift: (0..n * n).map(|ij| correlation(ij / n, ij % n)).collect(),
             vectors,
             known,
-            codes: codes.shared().map_or_else(Vec::new, |_| (0..n * n).map(|ij| codes.covariance(predicted[ij / n] - predicted[ij % n])).collect()),
+            codes: codes
+                .shared()
+                .map_or_else(Vec::new, |_| (0..n * n).map(|ij| codes.covariance(predicted[ij / n] - predicted[ij % n])).collect()),
         }
     }
 

@@ -190,7 +190,8 @@ impl Search<'_> {
         let title = |name: &str| outside().iter().find(|e| e.card().name == name).map(|e| e.card().title);
         let spent: f64 = selection.fit.structure.members.iter().map(|m| self.penalty(m)).sum();
         let gained = selection.base.chi2 - selection.fit.chi2 - spent;
-        let beaten = selection.taken.iter().flat_map(|t| &t.rivals).find(|r| is_outside(r.name) && r.score_gap >= NAMING_LEAD).map(|r| r.name);
+        let beaten =
+            selection.taken.iter().flat_map(|t| &t.rivals).find(|r| is_outside(r.name) && r.score_gap >= NAMING_LEAD).map(|r| r.name);
         let refused = selection.refused.as_ref().filter(|r| selection.taken.is_empty() && r.1 >= NAMING_LEAD).map(|r| r.0);
         let stands_alone = alone.filter(|a| selection.taken.len() > 1 && a.1 >= gained).map(|a| a.0);
         if let Some(title) = beaten.or(stands_alone).or(refused).and_then(title) {

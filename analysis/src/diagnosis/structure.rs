@@ -125,7 +125,8 @@ impl Structure {
 
     /// The axes of the vector, the base's first; its bounds lie around `start`.
     pub(super) fn axes(&self, start: &Erm) -> Vec<Axis> {
-        let around = |value: f64, reach: f64| Axis { lower: value - reach.ln(), upper: value + reach.ln(), step: 1e-4, longest: LONGEST_LOG };
+        let around =
+            |value: f64, reach: f64| Axis { lower: value - reach.ln(), upper: value + reach.ln(), step: 1e-4, longest: LONGEST_LOG };
         let mut axes: Vec<Axis> = encode_erm(start)
             .iter()
             .enumerate()
