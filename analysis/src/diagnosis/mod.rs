@@ -4,6 +4,7 @@ mod accept;
 mod additions;
 mod attempts;
 mod block;
+mod codes;
 mod data;
 mod diagnose;
 mod distinguish;

@@ -6,6 +6,7 @@
 //! prior.
 
 use super::block::{Block, Desk, Kind, TimeBlock};
+use super::codes::Codes;
 use super::data::BenchHistory;
 use super::edges::{self, UNIFORM};
 use super::shared::{self, Errors};
@@ -110,6 +111,8 @@ pub(super) struct Shape {
     known: Vec<Vec<f64>>,
     /// The same of what all runs share.
     shared: Errors,
+    /// Covariance of what the codes leave where the noise does not dither them, row-major; empty where it does.
+    codes: Vec<f64>,
 }
 
 impl Shape {
@@ -130,6 +133,7 @@ impl Shape {
                     shared: shared::of_spectrum(&block.kind, &predicted, &prior.history),
                     vectors: vec![(Term::Resistance, predicted)],
                     known: Vec::new(),
+                    codes: Vec::new(),
                 }
             }
             Kind::Time(time) => Self::time(block, time, (base, &predicted), prior, desk),
@@ -141,7 +145,10 @@ impl Shape {
         let n = time.bins.len();
         let counts: Vec<f64> = time.bins.iter().map(|b| (b.to - b.from) as f64).collect();
         let current_noise_v = (h.current_noise_a * base.erm.r_ohm).powi(2);
-        let fixed_v = (h.voltage_resolution_v * UNIFORM).powi(2) + current_noise_v + 1e-14;
+        // Rows that state their noise are means of many samples, whose own noise is far above a code.
+        let stated = time.bins.iter().any(|b| b.stated_v2 > 0.0);
+        let codes = Codes { step: h.voltage_resolution_v, sigma: if stated { f64::INFINITY } else { h.voltage_noise_v } };
+        let fixed_v = codes.fresh() + current_noise_v + 1e-14;
         let capacity_c = 3600.0 * base.ocv.capacity_ah;
         let overpotential: Vec<f64> =
             time.bins.iter().zip(predicted).map(|(b, v)| base.ocv.voltage_v(block.at.soc - b.charge_c / capacity_c) - v).collect();
@@ -178,12 +185,20 @@ impl Shape {
             vectors,
             known,
             shared,
+            codes: codes
+                .shared()
+                .map_or_else(Vec::new, |_| (0..n * n).map(|ij| codes.covariance(predicted[ij / n] - predicted[ij % n])).collect()),
         }
     }
 
     /// What one standard deviation of each error that all runs share does to the rows.
     pub(super) fn shared(&self) -> &Errors {
         &self.shared
+    }
+
+    /// Repeats of so many runs meet the same codes at the same voltages: their mean is no better than one.
+    pub(super) fn share_codes(&mut self, repeats: usize) {
+        self.codes.iter_mut().for_each(|c| *c *= repeats as f64);
     }
 
     /// What a growth of all resistances in proportion to an order does to the rows.
@@ -218,6 +233,7 @@ impl Shape {
             let scale = variance(Term::Drift);
             c.iter_mut().zip(&self.drift).for_each(|(c, r)| *c = scale * r);
         }
+        c.iter_mut().zip(&self.codes).for_each(|(c, k)| *c += k);
         let white = variance(self.white.0);
         for i in 0..n {
             c[i * n + i] += self.fixed[i] + white * self.white.1[i];

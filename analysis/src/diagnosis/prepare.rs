@@ -46,7 +46,7 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
     let blocks = blocks(set, &base)?;
     let prior = Prior::new(set.history, &base);
     let mut desk = Desk::default();
-    let mut shapes: Vec<Shape> = blocks.iter().map(|b| Shape::new(b, &base, &prior, &mut desk)).collect();
+    let mut shapes = shapes(&blocks, (&base, &prior), &mut desk);
     if !guards.current_channel_noise {
         shapes.iter_mut().for_each(Shape::forget_current_channel);
     }
@@ -72,6 +72,17 @@ fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     let mut blocks = set.runs.iter().map(counted).collect::<Result<Vec<Block>, DataSetError>>()?;
     blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
     Ok(blocks)
+}
+
+/// The shape of every block's noise.
+fn shapes(blocks: &[Block], (base, prior): (&Base, &Prior), desk: &mut Desk) -> Vec<Shape> {
+    let repeats = |b: &Block| blocks.iter().filter(|o| o.group == b.group && o.role == b.role).count();
+    let shape = |b: &Block| {
+        let mut shape = Shape::new(b, base, prior, desk);
+        shape.share_codes(repeats(b));
+        shape
+    };
+    blocks.iter().map(shape).collect()
 }
 
 /// Whiteners, standard deviations and shared errors of a problem.
@@ -100,7 +111,7 @@ impl Prepared {
     pub(super) fn again(mut self, fit: &Fit, guards: Guards) -> Result<Self, DataSetError> {
         let mut desk = Desk::default();
         let problem = &mut self.problem;
-        let mut shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
+        let mut shapes = shapes(&problem.blocks, (&problem.base, &self.prior), &mut desk);
         if !guards.current_channel_noise {
             shapes.iter_mut().for_each(Shape::forget_current_channel);
         }
@@ -121,7 +132,7 @@ impl Prepared {
         let problem = &mut self.problem;
         problem.blocks = blocks(set, &problem.base)?;
         let mut desk = Desk::default();
-        let shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
+        let shapes = shapes(&problem.blocks, (&problem.base, &self.prior), &mut desk);
         weigh(problem, &shapes, &self.estimate)?;
         Ok(self)
     }
@@ -135,7 +146,9 @@ impl Prepared {
         let mut planned = Problem::unweighed(base.clone(), Vec::new());
         for run in runs {
             let block = Block::new(&run.unmeasured(between, stated_v), base)?;
-            let covariance = Shape::new(&block, base, &self.prior, desk).whole_covariance(&self.estimate.log_sigmas, run.repeat);
+            let mut shape = Shape::new(&block, base, &self.prior, desk);
+            shape.share_codes(run.repeat);
+            let covariance = shape.whole_covariance(&self.estimate.log_sigmas, run.repeat);
             let singular =
                 DataSetError::Run { run: run.name.clone(), expected: "noise that is not zero", met: "a singular covariance".to_owned() };
             planned.whiteners.push(Whitener::new(covariance, block.rows()).ok_or(singular)?);
