@@ -114,8 +114,7 @@ impl<'a> Campaign<'a> {
     fn trace(&self, name: &'static str, description: String, segments: Vec<(f64, f64)>) -> Option<MenuItem> {
         let capacity_c = 3600.0 * self.problem.base.ocv.capacity_ah;
         let mut soc = self.soc;
-        // Every repeat begins where the one before it has ended.
-        for (span_s, amps) in std::iter::repeat_n(&segments, REPEAT).flatten() {
+        for (span_s, amps) in &segments {
             soc -= span_s * amps / capacity_c;
             let allowed = span_s.is_finite() && *amps <= self.limits.discharge_a + 1e-9 && -amps <= self.limits.charge_a + 1e-9;
             if !allowed || soc < SOC_WITHIN.0 || soc > SOC_WITHIN.1 {
