@@ -25,7 +25,7 @@ const SHORTEST_S: f64 = 0.5;
 /// Frequencies below this are swept with few periods, Hz: each takes minutes.
 const SLOW_HZ: f64 = 0.05;
 /// So many are waited for and so many recorded: a screen may be two and a half times as long as asked for, and must fill.
-const SLOW_PERIODS: (f64, f64) = (6.0, 2.0);
+const SLOW_PERIODS: (f64, f64) = (6.0, 2.5);
 
 /// Where a planned run begins: the campaign, and where it left the cell.
 #[derive(Debug, Clone)]
