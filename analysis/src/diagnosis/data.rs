@@ -140,4 +140,7 @@ pub struct BenchHistory {
     /// Error that the calibration of the current channel leaves, as a fraction: the same in all runs, so that repeats do not show it.
     #[serde(default)]
     pub calibration_rel: f64,
+    /// Gain that the channels of current and voltage have in common, as a fraction: an impedance does not show it, a record that moves along the curve does.
+    #[serde(default)]
+    pub channel_gain_rel: f64,
 }

@@ -2,28 +2,27 @@
 
 use super::block::{DataSetError, Desk, Kind};
 use super::data::{DataSet, Role};
-use super::experiment::{BenchLimits, PlannedRun, recommend};
+use super::experiment::{BenchLimits, PlannedRun, Playable, recommend};
 use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
+use super::intervals::named;
 use super::localise::localise;
 use super::noise::{TERMS, Term};
 use super::outcome::{
-    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, FittedParameter, Gap, NamedEffect, NoiseReport, NoiseTerm, Quality,
-    Rival, RunCurves, SpectrumGap, Verdict,
+    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Gap, NoiseReport, NoiseTerm, Quality, Rival, RunCurves, SpectrumGap,
+    Verdict,
 };
 use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
 use super::select::{Search, Selection, excess_z};
 use super::structure::Structure;
 use super::whitening::dot;
-use crate::effects::{Effect, Facts, Scale, catalogue};
+use crate::effects::{Effect, Facts, catalogue};
 use crate::fit::linalg::{cholesky, cholesky_substitute};
 use crate::model::Erm;
 use num_complex::Complex64;
 
 /// How far the time constants of other starts of the base lie from the model's, as a factor.
 const OTHER_STARTS: [f64; 2] = [0.6, 1.7];
-/// 97.5 % quantile of the normal distribution.
-const TWO_SIDED_95: f64 = 1.959_964;
 
 /// What a diagnosis may do.
 #[derive(Clone)]
@@ -34,11 +33,13 @@ pub struct DiagnosisOptions {
     pub guards: Guards,
     /// How far a recommended run may go; as far as the data unless told otherwise.
     pub limits: Option<BenchLimits>,
+    /// Which planned runs may be recommended; all unless told otherwise.
+    pub playable: Option<Playable>,
 }
 
 impl Default for DiagnosisOptions {
     fn default() -> Self {
-        Self { candidates: catalogue().to_vec(), guards: Guards::default(), limits: None }
+        Self { candidates: catalogue().to_vec(), guards: Guards::default(), limits: None, playable: None }
     }
 }
 
@@ -76,6 +77,8 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
         base = base_fit(&prepared.problem, &model.erm, &mut desk);
         selection = if moved.is_some() { Selection::nothing(&base) } else { search(&prepared, options).run(&base) };
     }
+    // The search may have met a deeper minimum of the base.
+    base = selection.base.clone();
     let problem = &prepared.problem;
     let before = localise(problem, &base, guards.tangent_projection, &mut desk);
     let after = localise(problem, &selection.fit, guards.tangent_projection, &mut desk);
@@ -87,7 +90,7 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
         model: model.name.clone(),
         verdict: Verdict::Unexplained,
         summary: String::new(),
-        effects: named(problem, &selection),
+        effects: named(problem, &selection, &mut desk),
         rivals: rivals(&selection),
         blocks: before,
         where_after: after,
@@ -104,7 +107,7 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
     let held_out_z = held_out_z(problem, &selection.fit, &mut desk);
     judge(&mut d, &selection, (moved, held_out_z));
     let curves = curves(&prepared, &model.erm, (&base, &selection.fit), &mut desk);
-    let next = recommend(&prepared, d.verdict, (&base, &selection), options.limits);
+    let next = recommend(&prepared, d.verdict, (&base, &selection), (options.limits, options.playable.as_ref()));
     if next.is_none() && matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) {
         d.notes.push("no run of the menu would tell apart what is open".to_owned());
     }
@@ -160,46 +163,6 @@ fn quality(problem: &Problem, base: &Fit, after: &Fit) -> Quality {
     }
 }
 
-fn named(problem: &Problem, selection: &Selection) -> Vec<NamedEffect> {
-    let fit = &selection.fit;
-    let (_, values) = fit.decode(problem.branches());
-    let covariance = fit.covariance();
-    let n = fit.x.len();
-    let mut all = Vec::new();
-    for (k, (member, taken)) in fit.structure.members.iter().zip(&selection.taken).enumerate() {
-        let mut at = fit.structure.first(k, problem.branches());
-        let mut parameters = Vec::new();
-        for (p, value) in member.parameters.iter().zip(&values[k]) {
-            let coordinate = at;
-            let deviation =
-                (p.scale != Scale::Choice).then(|| covariance.as_ref().map(|c| c[coordinate * n + coordinate].sqrt())).flatten();
-            let (sigma, interval) = match (p.scale, deviation) {
-                (Scale::Linear, Some(s)) => {
-                    let sigma = s * p.typical;
-                    (Some(sigma), (value - TWO_SIDED_95 * sigma, value + TWO_SIDED_95 * sigma))
-                }
-                (Scale::Log, Some(s)) => (Some(s * value), (value * (-TWO_SIDED_95 * s).exp(), value * (TWO_SIDED_95 * s).exp())),
-                _ => (None, (p.range.lower, p.range.upper)),
-            };
-            let interval = (interval.0.max(p.range.lower), interval.1.min(p.range.upper));
-            parameters.push(FittedParameter { name: p.name, value: *value, sigma, interval, unit: p.unit });
-            if p.scale != Scale::Choice {
-                at += 1;
-            }
-        }
-        let card = member.effect.card();
-        all.push(NamedEffect {
-            name: card.name,
-            title: card.title,
-            group: card.group,
-            parameters,
-            evidence: taken.evidence,
-            falsified_by: format!("{} — without the signature \"{}\" the name is wrong", card.experiment, card.signature),
-        });
-    }
-    all
-}
-
 fn rivals(selection: &Selection) -> Vec<Rival> {
     let taken = selection.taken.iter().flat_map(|t| t.rivals.iter().map(|r| (t.name, r)));
     taken.map(|(instead_of, r)| Rival { name: r.name, instead_of, score_gap: r.score_gap, discriminability: r.discriminability }).collect()
@@ -246,6 +209,12 @@ fn judge(d: &mut Diagnosis, selection: &Selection, (moved, held_out_z): (Option<
         d.summary = format!("The noise floor itself moved: {reason}. Nothing is named; look for a loose contact or hum.");
         return;
     }
+    if let Some(title) = selection.outside {
+        d.verdict = Verdict::Unexplained;
+        d.summary = format!("Something is missing that no effect of the catalogue explains: {title} would explain it better.");
+        hint(d, selection);
+        return;
+    }
     (d.verdict, d.summary) = match (fits, names.is_empty()) {
         (true, true) if d.noise.from_repeats => {
             (Verdict::AtNoiseFloor, "Nothing is missing that these repeats could show: the residual is at the noise floor.".to_owned())
@@ -257,6 +226,10 @@ fn judge(d: &mut Diagnosis, selection: &Selection, (moved, held_out_z): (Option<
             let text = "Missing: {} – but the signal is so weak that something outside the catalogue would look the same.";
             (Verdict::Ambiguous, text.replace("{}", &names.join(", ")))
         }
+        (true, false) if d.rivals.is_empty() && selection.doubt.is_some() => {
+            let doubt = selection.doubt.as_deref().unwrap_or_default();
+            (Verdict::Ambiguous, format!("Missing: {} – but not for certain: {doubt}.", names.join(", ")))
+        }
         (true, false) if d.rivals.is_empty() => (Verdict::Explained, format!("Missing and now added: {}.", names.join(", "))),
         (true, false) => {
             let others: Vec<&str> = d.rivals.iter().map(|r| r.name).collect();
@@ -265,6 +238,11 @@ fn judge(d: &mut Diagnosis, selection: &Selection, (moved, held_out_z): (Option<
         (false, false) => (Verdict::Unexplained, format!("{} explains a part; the rest has no name in the catalogue.", names.join(", "))),
         (false, true) => (Verdict::Unexplained, "Something is missing that no effect of the catalogue explains.".to_owned()),
     };
+    hint(d, selection);
+}
+
+/// What would help but may not be named.
+fn hint(d: &mut Diagnosis, selection: &Selection) {
     if let Some((name, score, reason)) = &selection.refused {
         d.notes.push(format!("hint only, not named: {name} would gain {score:.0} but {reason}"));
     }

@@ -17,6 +17,10 @@ pub struct Guards {
     pub bound: bool,
     /// The error of integration must be below a tenth of the floor.
     pub integration: bool,
+    /// A fit that did not converge is no evidence.
+    pub convergence: bool,
+    /// A name that an effect outside the catalogue beats is withdrawn.
+    pub outside: bool,
 }
 
 impl Default for Guards {
@@ -29,6 +33,8 @@ impl Default for Guards {
             sentinel: true,
             bound: true,
             integration: true,
+            convergence: true,
+            outside: true,
         }
     }
 }
@@ -45,10 +51,14 @@ pub(super) const MOST_FITTED: usize = 8;
 pub(super) const NEAR_BEST: f64 = 0.3;
 /// Share of the excess of χ² over its degrees of freedom that an addition must remove, unless it reaches the floor.
 pub(super) const MATERIAL_SHARE: f64 = 0.3;
+/// (χ² − dof)/√(2·dof) from which on fits are tried from other starts too.
+pub(super) const MISFIT_Z: f64 = 3.0;
 /// (χ² − dof)/√(2·dof) below which nothing is missing.
 pub(super) const GOOD_FIT_Z: f64 = 5.0;
 /// Penalised gain by which the best must lead a rival to be named.
 pub(super) const NAMING_LEAD: f64 = 14.0;
+/// χ² below which the freer of two forms gains nothing: the 99 % interval of its further parameter holds the limit where it is the other form.
+pub(super) const SUFFICES: f64 = 6.63;
 /// A held-out run's χ² may grow by this part …
 pub(super) const HELD_OUT_PART: f64 = 0.1;
 /// … and this much.

@@ -1,7 +1,10 @@
 //! The discrepancy workflow: where do simulation and measurement disagree, what is missing, does adding it close the gap.
 
+mod accept;
 mod additions;
+mod attempts;
 mod block;
+mod codes;
 mod data;
 mod diagnose;
 mod distinguish;
@@ -9,6 +12,7 @@ mod edges;
 mod experiment;
 pub mod gate;
 mod guards;
+mod intervals;
 mod localise;
 mod noise;
 mod outcome;
@@ -16,7 +20,9 @@ mod prepare;
 mod problem;
 mod propose;
 pub mod report;
+mod rivals;
 mod select;
+mod shared;
 mod structure;
 mod whitening;
 pub mod yardstick;
@@ -25,7 +31,7 @@ pub use block::DataSetError;
 pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
 pub use diagnose::{DiagnosisOptions, Outcome, diagnose};
 pub use distinguish::distinguish;
-pub use experiment::{BenchLimits, Planned, PlannedRun};
+pub use experiment::{BenchLimits, Planned, PlannedRun, Playable};
 pub use guards::Guards;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence, FittedParameter, Gap, NamedEffect,

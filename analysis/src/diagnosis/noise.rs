@@ -6,8 +6,10 @@
 //! prior.
 
 use super::block::{Block, Desk, Kind, TimeBlock};
+use super::codes::Codes;
 use super::data::BenchHistory;
 use super::edges::{self, UNIFORM};
+use super::shared::{self, Errors};
 use super::whitening::{Whitener, dot};
 use crate::augmented::network;
 use crate::effects::Base;
@@ -75,6 +77,7 @@ impl Prior {
             eis_noise_rel: 3e-3,
             start_voltage_v: 0.0,
             calibration_rel: 0.0,
+            channel_gain_rel: 0.0,
         };
         let h = history.unwrap_or(guess);
         let sigma = |term: Term| match term {
@@ -104,8 +107,12 @@ pub(super) struct Shape {
     drift: Vec<f64>,
     /// One vector per estimated term of rank one.
     vectors: Vec<(Term, Vec<f64>)>,
-    /// Vectors of known standard deviation.
+    /// Vectors of known standard deviation, each run's own.
     known: Vec<Vec<f64>>,
+    /// The same of what all runs share.
+    shared: Errors,
+    /// Covariance of what the codes leave where the noise does not dither them, row-major; empty where it does.
+    codes: Vec<f64>,
 }
 
 impl Shape {
@@ -123,8 +130,10 @@ impl Shape {
                     fixed: (0..size.len()).map(|k| stated(k).powi(2) + (1e-7 * size[k]).powi(2)).collect(),
                     white: (Term::Eis, size.iter().map(|z| z * z).collect()),
                     drift: Vec::new(),
+                    shared: shared::of_spectrum(&block.kind, &predicted, &prior.history),
                     vectors: vec![(Term::Resistance, predicted)],
                     known: Vec::new(),
+                    codes: Vec::new(),
                 }
             }
             Kind::Time(time) => Self::time(block, time, (base, &predicted), prior, desk),
@@ -136,7 +145,10 @@ impl Shape {
         let n = time.bins.len();
         let counts: Vec<f64> = time.bins.iter().map(|b| (b.to - b.from) as f64).collect();
         let current_noise_v = (h.current_noise_a * base.erm.r_ohm).powi(2);
-        let fixed_v = (h.voltage_resolution_v * UNIFORM).powi(2) + current_noise_v + 1e-14;
+        // Rows that state their noise are means of many samples, whose own noise is far above a code.
+        let stated = time.bins.iter().any(|b| b.stated_v2 > 0.0);
+        let codes = Codes { step: h.voltage_resolution_v, sigma: if stated { f64::INFINITY } else { h.voltage_noise_v } };
+        let fixed_v = codes.fresh() + current_noise_v + 1e-14;
         let capacity_c = 3600.0 * base.ocv.capacity_ah;
         let overpotential: Vec<f64> =
             time.bins.iter().zip(predicted).map(|(b, v)| base.ocv.voltage_v(block.at.soc - b.charge_c / capacity_c) - v).collect();
@@ -145,10 +157,12 @@ impl Shape {
             desk.player.play((base, &[]), &block.record(time, &current_a), (&time.grid, 1), &mut desk.voltage_v);
             time.average(&desk.voltage_v).iter().zip(predicted).map(|(a, b)| (a - b) * scale).collect::<Vec<f64>>()
         };
+        let gain = respond(&|_, i| 1e-2 * i, 1e2);
+        let shared = shared::of_record((block, time), base, (predicted, &gain), h);
         let vectors = vec![
             (Term::Level, vec![1.0; n]),
             (Term::Resistance, overpotential),
-            (Term::Gain, respond(&|_, i| 1e-2 * i, 1e2)),
+            (Term::Gain, gain),
             (Term::Zero, respond(&|_, _| 1e-1, 1e1)),
         ];
         let mut known = Vec::new();
@@ -162,14 +176,6 @@ impl Shape {
         if time.level_sigma_v > 0.0 {
             known.push(vec![time.level_sigma_v; n]);
         }
-        if let Some((_, gain)) = vectors.iter().find(|(term, _)| *term == Term::Gain).filter(|_| h.calibration_rel > 0.0) {
-            known.push(gain.iter().map(|v| h.calibration_rel * v).collect());
-        }
-        if h.start_voltage_v > 0.0 {
-            let slope_v = |charge_c: f64| base.ocv.slope_v(block.at.soc - charge_c / capacity_c);
-            let start_v = slope_v(0.0).max(1e-6);
-            known.push(time.bins.iter().map(|b| h.start_voltage_v * (1.0 - slope_v(b.charge_c) / start_v)).collect());
-        }
         let correlation = |i: usize, j: usize| (-(time.bins[i].time_s - time.bins[j].time_s).abs() / h.voltage_drift_s.max(1e-3)).exp();
         Self {
             n,
@@ -178,7 +184,21 @@ impl Shape {
             drift: (0..n * n).map(|ij| correlation(ij / n, ij % n)).collect(),
             vectors,
             known,
+            shared,
+            codes: codes
+                .shared()
+                .map_or_else(Vec::new, |_| (0..n * n).map(|ij| codes.covariance(predicted[ij / n] - predicted[ij % n])).collect()),
         }
+    }
+
+    /// What one standard deviation of each error that all runs share does to the rows.
+    pub(super) fn shared(&self) -> &Errors {
+        &self.shared
+    }
+
+    /// Repeats of so many runs meet the same codes at the same voltages: their mean is no better than one.
+    pub(super) fn share_codes(&mut self, repeats: usize) {
+        self.codes.iter_mut().for_each(|c| *c *= repeats as f64);
     }
 
     /// What a growth of all resistances in proportion to an order does to the rows.
@@ -193,9 +213,18 @@ impl Shape {
     pub(super) fn forget_current_channel(&mut self) {
         self.vectors.retain(|(term, _)| !matches!(term, Term::Gain | Term::Zero));
         self.known.clear();
+        self.shared.iter_mut().for_each(|v| v.fill(0.0));
     }
 
-    /// The covariance, row-major.
+    /// The covariance of a run that `repeat` runs are the mean of, what all runs share with it, row-major.
+    pub(super) fn whole_covariance(&self, log_sigmas: &LogSigmas, repeat: usize) -> Vec<f64> {
+        let mut c = self.covariance(log_sigmas);
+        c.iter_mut().for_each(|c| *c /= repeat as f64);
+        self.shared.iter().for_each(|v| add_square(&mut c, v, 1.0));
+        c
+    }
+
+    /// The covariance of what is the run's own, row-major.
     pub(super) fn covariance(&self, log_sigmas: &LogSigmas) -> Vec<f64> {
         let n = self.n;
         let variance = |term: Term| (2.0 * log_sigmas[term as usize]).exp();
@@ -204,19 +233,13 @@ impl Shape {
             let scale = variance(Term::Drift);
             c.iter_mut().zip(&self.drift).for_each(|(c, r)| *c = scale * r);
         }
+        c.iter_mut().zip(&self.codes).for_each(|(c, k)| *c += k);
         let white = variance(self.white.0);
         for i in 0..n {
             c[i * n + i] += self.fixed[i] + white * self.white.1[i];
         }
         let scaled = self.vectors.iter().map(|(term, v)| (variance(*term), v)).chain(self.known.iter().map(|v| (1.0, v)));
-        for (scale, v) in scaled {
-            for i in 0..n {
-                let x = scale * v[i];
-                if x != 0.0 {
-                    c[i * n..=i * n + i].iter_mut().zip(v).for_each(|(c, y)| *c += x * y);
-                }
-            }
-        }
+        scaled.for_each(|(scale, v)| add_square(&mut c, v, scale));
         c
     }
 
@@ -248,6 +271,17 @@ impl Shape {
             white.apply(v, &mut w);
             scale * dot(&w, &w)
         })
+    }
+}
+
+/// Adds scale·v·vᵀ to the lower triangle of a matrix.
+fn add_square(c: &mut [f64], v: &[f64], scale: f64) {
+    let n = v.len();
+    for i in 0..n {
+        let x = scale * v[i];
+        if x != 0.0 {
+            c[i * n..=i * n + i].iter_mut().zip(v).for_each(|(c, y)| *c += x * y);
+        }
     }
 }
 

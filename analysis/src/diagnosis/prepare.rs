@@ -6,6 +6,7 @@ use super::experiment::PlannedRun;
 use super::guards::Guards;
 use super::noise::{Estimate, Prior, Shape, Term, estimate};
 use super::problem::{Fit, Problem};
+use super::shared::{Errors, Shared};
 use super::whitening::Whitener;
 use crate::augmented::{Between, network};
 use crate::effects::{Base, Facts};
@@ -45,7 +46,7 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
     let blocks = blocks(set, &base)?;
     let prior = Prior::new(set.history, &base);
     let mut desk = Desk::default();
-    let mut shapes: Vec<Shape> = blocks.iter().map(|b| Shape::new(b, &base, &prior, &mut desk)).collect();
+    let mut shapes = shapes(&blocks, (&base, &prior), &mut desk);
     if !guards.current_channel_noise {
         shapes.iter_mut().for_each(Shape::forget_current_channel);
     }
@@ -58,9 +59,10 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
         })
         .collect();
     let estimate = estimate(&blocks, &shapes, &residuals, &prior);
-    let (whiteners, floors) = weigh(&blocks, &shapes, &estimate)?;
     let sample_noise_v = (estimate.variance(Term::White) + prior.sample_variance(&base)).sqrt();
-    Ok(Prepared { problem: Problem { base, blocks, whiteners, floors }, estimate, prior, sample_noise_v })
+    let mut problem = Problem::unweighed(base, blocks);
+    weigh(&mut problem, &shapes, &estimate)?;
+    Ok(Prepared { problem, estimate, prior, sample_noise_v })
 }
 
 /// The blocks in the order of time, counted from the first: where a campaign's numbers begin says nothing of the cell.
@@ -72,19 +74,36 @@ fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     Ok(blocks)
 }
 
-/// Whitener and standard deviations of every block.
-fn weigh(blocks: &[Block], shapes: &[Shape], estimate: &Estimate) -> Result<(Vec<Whitener>, Vec<Vec<f64>>), DataSetError> {
-    let mut whiteners = Vec::with_capacity(blocks.len());
-    let mut floors = Vec::with_capacity(blocks.len());
-    for (block, shape) in blocks.iter().zip(shapes) {
-        let covariance = shape.covariance(&estimate.log_sigmas);
+/// The shape of every block's noise.
+fn shapes(blocks: &[Block], (base, prior): (&Base, &Prior), desk: &mut Desk) -> Vec<Shape> {
+    let repeats = |b: &Block| blocks.iter().filter(|o| o.group == b.group && o.role == b.role).count();
+    let shape = |b: &Block| {
+        let mut shape = Shape::new(b, base, prior, desk);
+        shape.share_codes(repeats(b));
+        shape
+    };
+    blocks.iter().map(shape).collect()
+}
+
+/// Whiteners, standard deviations and shared errors of a problem.
+fn weigh(problem: &mut Problem, shapes: &[Shape], estimate: &Estimate) -> Result<(), DataSetError> {
+    (problem.whiteners, problem.floors) = (Vec::with_capacity(shapes.len()), Vec::with_capacity(shapes.len()));
+    let mut errors = Errors::default();
+    for (block, shape) in problem.blocks.iter().zip(shapes) {
         let n = block.rows();
-        floors.push((0..n).map(|i| covariance[i * n + i].sqrt()).collect());
+        let whole = shape.whole_covariance(&estimate.log_sigmas, 1);
+        problem.floors.push((0..n).map(|i| whole[i * n + i].sqrt()).collect());
         let met =
             || DataSetError::Run { run: block.name.clone(), expected: "noise that is not zero", met: "a singular covariance".to_owned() };
-        whiteners.push(Whitener::new(covariance, n).ok_or_else(met)?);
+        let covariance = if block.role == Role::Train { shape.covariance(&estimate.log_sigmas) } else { whole };
+        let whitener = Whitener::new(covariance, n).ok_or_else(met)?;
+        if block.role == Role::Train {
+            errors.iter_mut().zip(shape.shared()).for_each(|(all, v)| whitener.apply(v, all));
+        }
+        problem.whiteners.push(whitener);
     }
-    Ok((whiteners, floors))
+    problem.shared = Shared::new(errors);
+    Ok(())
 }
 
 impl Prepared {
@@ -92,7 +111,7 @@ impl Prepared {
     pub(super) fn again(mut self, fit: &Fit, guards: Guards) -> Result<Self, DataSetError> {
         let mut desk = Desk::default();
         let problem = &mut self.problem;
-        let mut shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
+        let mut shapes = shapes(&problem.blocks, (&problem.base, &self.prior), &mut desk);
         if !guards.current_channel_noise {
             shapes.iter_mut().for_each(Shape::forget_current_channel);
         }
@@ -103,7 +122,7 @@ impl Prepared {
             })
             .collect();
         self.estimate = estimate(&problem.blocks, &shapes, &residuals, &self.prior);
-        (problem.whiteners, problem.floors) = weigh(&problem.blocks, &shapes, &self.estimate)?;
+        weigh(problem, &shapes, &self.estimate)?;
         self.sample_noise_v = (self.estimate.variance(Term::White) + self.prior.sample_variance(&self.problem.base)).sqrt();
         Ok(self)
     }
@@ -113,22 +132,23 @@ impl Prepared {
         let problem = &mut self.problem;
         problem.blocks = blocks(set, &problem.base)?;
         let mut desk = Desk::default();
-        let shapes: Vec<Shape> = problem.blocks.iter().map(|b| Shape::new(b, &problem.base, &self.prior, &mut desk)).collect();
-        (problem.whiteners, problem.floors) = weigh(&problem.blocks, &shapes, &self.estimate)?;
+        let shapes = shapes(&problem.blocks, (&problem.base, &self.prior), &mut desk);
+        weigh(problem, &shapes, &self.estimate)?;
         Ok(self)
     }
 
-    /// The problem of runs that are yet to be measured, under the noise found. Repeats make the noise of a run that much smaller.
+    /// The problem of runs that are yet to be measured, under the noise found. Repeats make a run's own noise that much smaller, not what all runs share.
     pub(super) fn planned(&self, runs: &[PlannedRun], desk: &mut Desk) -> Result<Problem, DataSetError> {
         let base = &self.problem.base;
         let linear = self.problem.blocks.iter().any(|b| matches!(&b.kind, Kind::Time(t) if t.linear));
         let between = if linear { Between::Linear } else { Between::Hold };
         let stated_v = stated_noise_v(&self.problem.blocks);
-        let mut planned = Problem { base: base.clone(), blocks: Vec::new(), whiteners: Vec::new(), floors: Vec::new() };
+        let mut planned = Problem::unweighed(base.clone(), Vec::new());
         for run in runs {
             let block = Block::new(&run.unmeasured(between, stated_v), base)?;
-            let mut covariance = Shape::new(&block, base, &self.prior, desk).covariance(&self.estimate.log_sigmas);
-            covariance.iter_mut().for_each(|c| *c /= run.repeat as f64);
+            let mut shape = Shape::new(&block, base, &self.prior, desk);
+            shape.share_codes(run.repeat);
+            let covariance = shape.whole_covariance(&self.estimate.log_sigmas, run.repeat);
             let singular =
                 DataSetError::Run { run: run.name.clone(), expected: "noise that is not zero", met: "a singular covariance".to_owned() };
             planned.whiteners.push(Whitener::new(covariance, block.rows()).ok_or(singular)?);

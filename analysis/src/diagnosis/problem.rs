@@ -2,6 +2,7 @@
 
 use super::block::{Block, Desk};
 use super::data::Role;
+use super::shared::Shared;
 use super::structure::{Axis, Member, Structure, at_bound};
 use super::whitening::{Whitener, dot};
 use crate::augmented::network;
@@ -10,20 +11,23 @@ use crate::fit::linalg::{cholesky, cholesky_substitute, invert};
 use crate::model::Erm;
 
 /// Steps of a fit at most.
-const ITERATIONS: usize = 40;
+const ITERATIONS: usize = 60;
 /// A fit ends when less χ² than this is promised.
 const PROMISE: f64 = 2e-3;
+/// χ² that a further step may still promise where a fit counts as converged.
+const CONVERGED: f64 = 0.1;
 /// Information given to a coordinate in any case: a move by 1 changes the prediction by less than 1e-4 standard deviations.
 const UNMOVED: f64 = 1e-8;
-/// Longest move of one coordinate.
-const LONGEST_STEP: f64 = 1.0;
 
 /// Everything that stays while structures change.
 #[derive(Debug)]
 pub(super) struct Problem {
     pub(super) base: Base,
     pub(super) blocks: Vec<Block>,
+    /// Of what is a run's own for training runs, of everything for others.
     pub(super) whiteners: Vec<Whitener>,
+    /// Takes what all training runs share out of their whitened rows.
+    pub(super) shared: Shared,
     /// Standard deviation of every row of every block.
     pub(super) floors: Vec<Vec<f64>>,
 }
@@ -40,11 +44,23 @@ pub(super) struct Fit {
     pub(super) residuals: Vec<f64>,
     /// Derivatives of the whitened prediction, one column per parameter.
     pub(super) columns: Vec<Vec<f64>>,
+    /// False where a further step promises a lower χ²: no evidence then.
+    pub(super) converged: bool,
 }
 
 impl Problem {
+    /// Without any noise yet.
+    pub(super) fn unweighed(base: Base, blocks: Vec<Block>) -> Self {
+        Self { base, blocks, whiteners: Vec::new(), shared: Shared::default(), floors: Vec::new() }
+    }
+
     pub(super) fn branches(&self) -> usize {
         self.base.erm.branches.len()
+    }
+
+    /// Coordinates of the model file's own base.
+    pub(super) fn start(&self) -> Vec<f64> {
+        Structure::default().encode(&self.base.erm)
     }
 
     /// Rows of the training runs.
@@ -94,7 +110,14 @@ impl Problem {
             self.blocks[k].predict((&base, &added, &network), structure.parts, desk, &mut rows);
             self.whiteners[k].apply(&rows, &mut all);
         }
+        self.take_shared(role, &mut all);
         all
+    }
+
+    fn take_shared(&self, role: Role, rows: &mut [f64]) {
+        if role == Role::Train {
+            self.shared.apply(rows);
+        }
     }
 
     /// Whitened measured training rows.
@@ -106,6 +129,7 @@ impl Problem {
     pub(super) fn target_of(&self, role: Role) -> Vec<f64> {
         let mut all = Vec::with_capacity(self.training_rows());
         self.of_role(role).for_each(|k| self.whiteners[k].apply(&self.blocks[k].measured, &mut all));
+        self.take_shared(role, &mut all);
         all
     }
 
@@ -184,6 +208,14 @@ impl Problem {
         self.fit_from(&structure, x, axes, desk)
     }
 
+    /// A structure at a vector, as it is.
+    pub(super) fn at(&self, structure: &Structure, x: Vec<f64>, axes: Vec<Axis>, desk: &mut Desk) -> Fit {
+        let predicted = self.whitened((structure, &x), desk);
+        let residuals: Vec<f64> = self.target().iter().zip(&predicted).map(|(t, p)| t - p).collect();
+        let columns = self.columns(structure, (&x, &axes), &predicted, desk);
+        Fit { structure: structure.clone(), x, axes, chi2: dot(&residuals, &residuals), residuals, columns, converged: false }
+    }
+
     /// Fits a structure from a vector.
     pub(super) fn fit_from(&self, structure: &Structure, mut x: Vec<f64>, axes: Vec<Axis>, desk: &mut Desk) -> Fit {
         let target = self.target();
@@ -217,7 +249,8 @@ impl Problem {
                 }
             }
         }
-        Fit { structure: structure.clone(), x, axes, chi2, residuals, columns }
+        let converged = step(&columns, &residuals, (&x, &axes), 0.0).is_none_or(|(_, promise)| promise < CONVERGED);
+        Fit { structure: structure.clone(), x, axes, chi2, residuals, columns, converged }
     }
 }
 
@@ -251,10 +284,9 @@ pub(super) fn step(columns: &[Vec<f64>], residuals: &[f64], (x, axes): (&[f64], 
     }
     cholesky_substitute(&a, m, &mut part);
     let promise: f64 = part.iter().zip(&free).map(|(s, k)| s * gradient[*k]).sum();
-    let longest = part.iter().fold(0.0f64, |m, s| m.max(s.abs()));
-    let shrink = (LONGEST_STEP / longest).min(1.0);
     let mut step = vec![0.0; x.len()];
-    free.iter().zip(&part).for_each(|(k, s)| step[*k] = shrink * s);
+    // Each by itself: one that the data hardly fix must not hold the others up.
+    free.iter().zip(&part).for_each(|(k, s)| step[*k] = s.clamp(-axes[*k].longest, axes[*k].longest));
     Some((step, promise))
 }
 

@@ -13,6 +13,10 @@ const RESISTANCE_REACH: f64 = 300.0;
 const TIME_REACH: f64 = 30.0;
 /// Relative distance to a bound, of the width or the value, that counts as being there.
 const AT_BOUND: f64 = 1e-3;
+/// Longest move of a logarithm in one step of a fit.
+const LONGEST_LOG: f64 = 1.0;
+/// The same of a strength, as a part of the way between its bounds.
+const LONGEST_PART: f64 = 0.25;
 
 /// One effect of a structure.
 #[derive(Clone)]
@@ -95,6 +99,15 @@ pub(super) struct Axis {
     pub(super) upper: f64,
     /// Step of finite differences.
     pub(super) step: f64,
+    /// Longest move in one step of a fit.
+    pub(super) longest: f64,
+}
+
+impl Axis {
+    /// Of a strength between its bounds, in units of its typical size.
+    fn strength(lower: f64, upper: f64) -> Self {
+        Self { lower, upper, step: 1e-3, longest: LONGEST_PART * (upper - lower) }
+    }
 }
 
 impl Structure {
@@ -112,7 +125,8 @@ impl Structure {
 
     /// The axes of the vector, the base's first; its bounds lie around `start`.
     pub(super) fn axes(&self, start: &Erm) -> Vec<Axis> {
-        let around = |value: f64, reach: f64| Axis { lower: value - reach.ln(), upper: value + reach.ln(), step: 1e-4 };
+        let around =
+            |value: f64, reach: f64| Axis { lower: value - reach.ln(), upper: value + reach.ln(), step: 1e-4, longest: LONGEST_LOG };
         let mut axes: Vec<Axis> = encode_erm(start)
             .iter()
             .enumerate()
@@ -121,8 +135,8 @@ impl Structure {
         for p in self.members.iter().flat_map(|m| &m.parameters) {
             let Range { lower, upper } = p.range;
             match p.scale {
-                Scale::Linear => axes.push(Axis { lower: lower / p.typical, upper: upper / p.typical, step: 1e-3 }),
-                Scale::Log => axes.push(Axis { lower: lower.ln(), upper: upper.ln(), step: 1e-3 }),
+                Scale::Linear => axes.push(Axis::strength(lower / p.typical, upper / p.typical)),
+                Scale::Log => axes.push(Axis { lower: lower.ln(), upper: upper.ln(), step: 1e-3, longest: LONGEST_LOG }),
                 Scale::Choice => {}
             }
         }
@@ -188,7 +202,9 @@ fn decode_erm(x: &[f64]) -> Erm {
 /// All combinations of starts of the shapes and choices of an effect, the strength left at zero.
 pub(super) fn variants(effect: &'static dyn Effect, base: &Base) -> Vec<Member> {
     let parameters = effect.parameters(base);
-    if parameters.is_empty() {
+    // Where the data leave a parameter no room (no current flows, the curve is flat) there is nothing to look for.
+    let room = |p: &Parameter| p.range.lower.is_finite() && p.range.upper.is_finite() && p.range.upper > p.range.lower && p.typical > 0.0;
+    if parameters.is_empty() || !parameters.iter().all(room) {
         return Vec::new();
     }
     let mut starts = vec![vec![0.0]];

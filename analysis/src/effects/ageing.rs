@@ -13,6 +13,7 @@ static CARD: Card = Card {
     source: "first term of the Taylor series in the number of runs",
     signature: "a trend of the misfit with the order of runs, in none with frequency or time",
     confounders: &["current_gain", "contact_resistance", "soc_resistance"],
+    contains: &[],
     experiment: "the first run once more at the end; runs in random order",
 };
 

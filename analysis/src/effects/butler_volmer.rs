@@ -15,6 +15,7 @@ static CARD: Card = Card {
     source: "Bard and Faulkner, Electrochemical Methods, 3.3 and 3.4, α = ½; closed step: Riccati equation in tanh(βv/2R)",
     signature: "resistance falls with |i| at once, the same for both signs; a sweep of small amplitude does not see it",
     confounders: &["self_heating", "soc_resistance", "shunt_heating", "butler_volmer_asymmetric"],
+    contains: &[],
     experiment: "pulses of several amplitudes with equal charge; sweeps under direct current",
 };
 

@@ -15,6 +15,7 @@ static CARD: Card = Card {
     source: "Bard and Faulkner, Electrochemical Methods, 3.3; describing function of exponentials: modified Bessel functions",
     signature: "resistance falls with |i| at once, more in one direction than in the other; a second harmonic",
     confounders: &["butler_volmer", "current_asymmetry", "hysteresis", "ocv_curvature"],
+    contains: &["butler_volmer"],
     experiment: "pulses of both signs and several amplitudes with equal charge; the second harmonic of a sweep",
 };
 

@@ -13,6 +13,7 @@ static CARD: Card = Card {
     source: "first-order low-pass",
     signature: "phase and magnitude fall together at the top of the band, on every impedance alike; rounded edges",
     confounders: &["time_skew", "inductance", "current_smoothing"],
+    contains: &[],
     experiment: "a sweep of a shunt; a current step into a shunt, both channels logged fast",
 };
 

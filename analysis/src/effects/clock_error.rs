@@ -12,6 +12,7 @@ static CARD: Card = Card {
     source: "data sheets of oscillators; nominal sampling rates taken for true ones",
     signature: "all time constants and the counted charge of records are off by the same fraction; levels that do not move are right",
     confounders: &["current_gain", "ocv_slope"],
+    contains: &[],
     experiment: "a record of a square wave of a generator with a known frequency",
 };
 

@@ -13,6 +13,7 @@ static CARD: Card = Card {
     source: "two-wire against four-wire connection",
     signature: "spectra are shifted along the real axis by the same amount at every frequency",
     confounders: &["current_gain", "ageing"],
+    contains: &[],
     experiment: "seat the cell again with Kelvin clamps and sweep; a shunt in both fixtures",
 };
 

@@ -14,6 +14,7 @@ static CARD: Card = Card {
     source: "Cole and Cole, J. Chem. Phys. 9 (1941) 341; trapezoidal rule with the pole's remainder put onto the five middle branches",
     signature: "an arc flattened symmetrically in log f, a power law at its onset",
     confounders: &["diffusion", "warburg", "rc_slow"],
+    contains: &[],
     experiment: "a wider band; bursts",
 };
 
@@ -36,7 +37,7 @@ impl Effect for Cpe {
             return Vec::new();
         }
         vec![
-            Parameter::strength("one_minus_alpha", "", Range { lower: 0.0, upper: 0.5 }, 0.02),
+            Parameter::strength("one_minus_alpha", "", Range { lower: 0.0, upper: 0.6 }, 0.02),
             Parameter::choice("branch", base.erm.branches.len()),
         ]
     }

@@ -14,6 +14,7 @@ static CARD: Card = Card {
     source: "Plett, Battery Management Systems I, chapter 2: separate resistances of charge and discharge; describing function of a bent line",
     signature: "depends on the sign of the current at once, by the same fraction at every amplitude",
     confounders: &["butler_volmer_asymmetric", "hysteresis"],
+    contains: &[],
     experiment: "pulses of both signs at several amplitudes; sweeps under direct current of both signs",
 };
 

@@ -12,6 +12,7 @@ static CARD: Card = Card {
     source: "data sheets of current sensors: gain error",
     signature: "all overpotentials and the counted charge of records are off by the same fraction",
     confounders: &["contact_resistance", "voltage_gain", "ageing"],
+    contains: &[],
     experiment: "the same shunt through both instruments",
 };
 

@@ -12,6 +12,7 @@ static CARD: Card = Card {
     source: "data sheets of current sensors: zero-flux offset",
     signature: "a ramp of the voltage with time, U'·i_off·t/3600Q, at rest as well",
     confounders: &["ocv_slope", "self_discharge", "thermal_emf"],
+    contains: &[],
     experiment: "log the current for ten minutes with the loop open",
 };
 

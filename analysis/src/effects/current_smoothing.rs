@@ -12,6 +12,7 @@ static CARD: Card = Card {
     source: "first-order low-pass averaged over the sampling interval, inverted step by step",
     signature: "at an edge the voltage has moved and the current has not yet; nothing later",
     confounders: &["channel_bandwidth", "rc_slow"],
+    contains: &[],
     experiment: "a current step into a shunt, logged as fast as can be",
 };
 

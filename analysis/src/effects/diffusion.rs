@@ -15,6 +15,7 @@ static CARD: Card = Card {
     source: "Barsoukov and Macdonald, Impedance Spectroscopy, chapter 2: finite-length Warburg element; its Mittag-Leffler series",
     signature: "a slope of 45° that bends into an arc at the bottom of the band; √t after an edge, then an exponential",
     confounders: &["rc_slow", "warburg", "cpe", "surface_soc", "hysteresis"],
+    contains: &["warburg"],
     experiment: "a pulse of a minute with half an hour of rest; a sweep down to 1 mHz",
 };
 
@@ -31,13 +32,14 @@ impl Effect for Diffusion {
         let dc_ohm = base.erm.dc_resistance_ohm();
         let slowest_s = base.facts.slowest_s();
         let fastest_s = 3.0 * base.facts.fastest_s();
+        // The slowest start still feels its far side within the data: its slowest branch has τ_d/2.5.
         vec![
             Parameter::strength("r_ohm", "Ω", Range { lower: 0.0, upper: 3.0 * dc_ohm }, 0.02 * dc_ohm),
             Parameter::shape(
                 "tau_s",
                 "s",
                 Range { lower: fastest_s, upper: 10.0 * slowest_s },
-                log_grid(30.0 * fastest_s, 2.0 * slowest_s, 4),
+                log_grid(30.0 * fastest_s, slowest_s / 3.0, 4),
             ),
         ]
     }

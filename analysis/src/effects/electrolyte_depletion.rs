@@ -14,6 +14,7 @@ static CARD: Card = Card {
     source: "Newman and Thomas-Alyea, Electrochemical Systems, concentration cells; t₊: Valøen and Reimers, J. Electrochem. Soc. 152 (2005) A882",
     signature: "resistance grows within a pulse of high discharge current, more than in proportion",
     confounders: &["rc_slow", "diffusion", "surface_soc", "soc_resistance"],
+    contains: &[],
     experiment: "pulses of 5 s and more from 30 to 100 A",
 };
 

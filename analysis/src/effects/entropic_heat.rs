@@ -12,6 +12,7 @@ static CARD: Card = Card {
     source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, with the reversible term; heat capacity of a P45B cell",
     signature: "a slow shift of the voltage with the heat received, which lasts for minutes at rest; Joule's part is the same for charge and discharge, the reversible part changes its sign",
     confounders: &["self_heating", "thermal_emf", "ocv_curvature", "hysteresis"],
+    contains: &[],
     experiment: "bursts without net charge and a rest; open-circuit voltage at two temperatures",
 };
 

@@ -14,6 +14,7 @@ static CARD: Card = Card {
     source: "Plett, Battery Management Systems I, chapter 2: one-state hysteresis",
     signature: "depends on the charge since the last reversal, not on time; rest does not remove it",
     confounders: &["ocv_slope", "rc_slow", "diffusion", "current_asymmetry"],
+    contains: &[],
     experiment: "minor loops: charge and discharge of growing size with rests",
 };
 

@@ -13,6 +13,7 @@ static CARD: Card = Card {
     source: "law of induction",
     signature: "imaginary part proportional to the frequency at the top of the band, the same at any state of charge; never negative",
     confounders: &["time_skew", "inductance_lossy", "channel_bandwidth"],
+    contains: &[],
     experiment: "sweeps of shunts of two values: a skew scales with the resistance, an inductance does not",
 };
 

@@ -17,6 +17,7 @@ static CARD: Card = Card {
     source: "skin effect: n = ½ for a thick conductor, 1 for a loop without losses; the generalised inductor of impedance spectroscopy",
     signature: "real and imaginary part both rise at the top of the band",
     confounders: &["inductance", "time_skew", "channel_bandwidth", "cpe"],
+    contains: &["inductance"],
     experiment: "sweep up to 10 kHz; a sweep of a shunt of the cell's size in the same fixture",
 };
 

@@ -16,6 +16,7 @@ static CARD: Card = Card {
     source: "superposition of relaxations in a linear network",
     signature: "the voltage creeps at the start of every record, most in the first rest, and then settles",
     confounders: &["thermal_emf", "current_offset", "self_discharge", "rc_slow"],
+    contains: &[],
     experiment: "rest for hours, then the same record again",
 };
 

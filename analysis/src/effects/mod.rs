@@ -28,6 +28,7 @@ mod insufficient_rest;
 mod ladder;
 mod ocv_curvature;
 mod ocv_slope;
+mod outside;
 mod quantity;
 mod rc_slow;
 mod self_discharge;
@@ -44,6 +45,7 @@ mod voltage_gain;
 mod warburg;
 
 pub use catalogue::{catalogue, find};
+pub(crate) use outside::outside;
 pub use quantity::{Parameter, Range, Scale};
 pub use situation::{Base, Facts, Instant, Modulation, Point, Record};
 
@@ -81,6 +83,8 @@ pub struct Card {
     pub signature: &'static str,
     /// Names of effects that look alike.
     pub confounders: &'static [&'static str],
+    /// Names of effects that it becomes at a limit of its shape, and then fits as well as they do.
+    pub contains: &'static [&'static str],
     /// The experiment that tells it from them.
     pub experiment: &'static str,
 }

@@ -12,6 +12,7 @@ static CARD: Card = Card {
     source: "Taylor series of the open-circuit voltage about the record's start, second term",
     signature: "an error with the square of the charge moved, the same sign for charge and discharge",
     confounders: &["ocv_slope", "soc_resistance", "surface_soc", "butler_volmer_asymmetric"],
+    contains: &[],
     experiment: "the same charge moved in both directions; a slow discharge with a finer table",
 };
 

@@ -14,6 +14,7 @@ static CARD: Card = Card {
     source: "thesis, equation 3.1, one more branch",
     signature: "a single exponential after an edge, proportional to the current, the same for charge and discharge",
     confounders: &["diffusion", "warburg", "hysteresis", "cpe"],
+    contains: &[],
     experiment: "a longer pulse with a long rest",
 };
 

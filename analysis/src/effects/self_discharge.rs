@@ -13,6 +13,7 @@ static CARD: Card = Card {
     source: "charge balance: a leakage current within the cell",
     signature: "the voltage falls in proportion to time, at rest as well, but never rises",
     confounders: &["current_offset", "thermal_emf", "insufficient_rest"],
+    contains: &[],
     experiment: "an hour at rest with the loop open",
 };
 

@@ -7,13 +7,19 @@ static CARD: Card = Card {
     title: "Joule self-heating with Arrhenius resistance",
     group: Group::Cell,
     mechanism: "The current's heat warms the cell above its surroundings; ions and charge transfer follow Arrhenius, so that all resistances fall.",
-    state_equation: "C·dΔT/dt = i·η − ΔT/R_th, R = R_ref·exp(−κ·ΔT); with x = κ·ΔT: dx/dt = g·i·η − x/τ; g = κ/C in 1/J, τ = R_th·C in s",
+    state_equation: "C·dΔT/dt = i·η − ΔT/R_th, R = R_ref·exp(−κ·ΔT/(1 + ΔT/T)); with the heat kept h = C·ΔT: dh/dt = i·η − h/τ; g = κ/C in 1/J, τ = R_th·C in s; C is taken as 14.8 J/K per Ah for 1 + ΔT/T",
     impedance: "none: at another temperature R·exp(−κ(T − T_ref)), but g = κ/C does not give κ alone, so that the start temperature of a run is left out",
-    source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, without the reversible term; Arrhenius linearised in the exponent",
+    source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, without the reversible term; Arrhenius: 1/T − 1/(T + ΔT) = ΔT/T²/(1 + ΔT/T)",
     signature: "resistance falls with the heat received, the same for both signs, lasts for minutes",
     confounders: &["soc_resistance", "butler_volmer", "shunt_heating", "entropic_heat", "ageing"],
+    contains: &[],
     experiment: "bursts of ±100 A without net charge; a thermocouple",
 };
+
+/// 0 °C in K.
+const ZERO_C_K: f64 = 273.15;
+/// Heat capacity of a cell by its capacity, J/(K·Ah): that of a P45B; only the bend of Arrhenius' law hangs on it, a few percent of the effect.
+const HEAT_PER_AH: f64 = 14.8;
 
 /// See [`Effect::card`].
 #[derive(Debug)]
@@ -36,26 +42,29 @@ impl Effect for SelfHeating {
         ]
     }
 
-    fn dynamics(&self, p: &[f64], _base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        Some(Box::new(Heat { g_per_j: p[0], tau_s: p[1], x: 0.0 }))
+    fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
+        let bend_per_j = 1.0 / (HEAT_PER_AH * base.ocv.capacity_ah * (record.temperature_c + ZERO_C_K));
+        Some(Box::new(Heat { g_per_j: p[0], tau_s: p[1], bend_per_j, heat_j: 0.0 }))
     }
 }
 
 struct Heat {
     g_per_j: f64,
     tau_s: f64,
-    /// κ·ΔT.
-    x: f64,
+    /// Relative rise of the temperature per heat kept, 1/J.
+    bend_per_j: f64,
+    /// Heat kept, J.
+    heat_j: f64,
 }
 
 impl Dynamics for Heat {
     fn modulation(&self, _at: &Instant) -> Modulation {
-        Modulation::all((-self.x).exp())
+        Modulation::all((-self.g_per_j * self.heat_j / (1.0 + self.bend_per_j * self.heat_j)).exp())
     }
 
     fn advance(&mut self, at: &Instant, step_s: f64) {
         let decay = (-step_s / self.tau_s).exp();
         let heat_w = at.current_a * at.overpotential_v;
-        self.x = decay * self.x + (1.0 - decay) * self.tau_s * self.g_per_j * heat_w;
+        self.heat_j = decay * self.heat_j + (1.0 - decay) * self.tau_s * heat_w;
     }
 }

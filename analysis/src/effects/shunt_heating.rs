@@ -7,11 +7,12 @@ static CARD: Card = Card {
     title: "self-heating of the current shunt",
     group: Group::Bench,
     mechanism: "The current's heat warms the shunt of the time records; its resistance, and with it the reading, moves by its temperature coefficient.",
-    state_equation: "i = i_logged·(1 − s·x), τ·dx/dt = i_logged² − x, x(0) = 0; s in 1/A², positive where the warm shunt reads too much; τ in s",
+    state_equation: "i_logged = i·(1 + s·x), τ·dx/dt = i² − x, x(0) = 0; s in 1/A², positive where the warm shunt reads too much; τ in s",
     impedance: "none: the current of a sweep is too small to warm a shunt",
     source: "power coefficient of shunts; thermal time constants of seconds to minutes",
     signature: "the resistance seems to move with the heat received, for both signs alike, and recovers within the shunt's time constant",
     confounders: &["self_heating", "butler_volmer", "current_gain"],
+    contains: &[],
     experiment: "two shunts in series; the record of a long pulse into a fake cell",
 };
 
@@ -39,11 +40,11 @@ impl Effect for ShuntHeating {
     fn current(&self, p: &[f64], record: &Record<'_>, current_a: &mut [f64]) {
         let mut warmth_a2 = 0.0;
         for (k, i) in current_a.iter_mut().enumerate() {
-            let logged_a = *i;
-            *i *= 1.0 - p[0] * warmth_a2;
+            // The bounds keep the reading within a fifth; a search may try what is beyond.
+            *i /= (1.0 + p[0] * warmth_a2).max(0.1);
             let Some(next_s) = record.time_s.get(k + 1) else { break };
             let decay = (-(next_s - record.time_s[k]) / p[1]).exp();
-            warmth_a2 = decay * warmth_a2 + (1.0 - decay) * logged_a * logged_a;
+            warmth_a2 = decay * warmth_a2 + (1.0 - decay) * *i * *i;
         }
     }
 }

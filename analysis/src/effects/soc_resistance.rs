@@ -13,6 +13,7 @@ static CARD: Card = Card {
     source: "first term of the Taylor series about z_ref; Plett, Battery Management Systems I, chapter 2: tables of resistance over state of charge",
     signature: "resistance drifts with the charge moved, back when the charge is back",
     confounders: &["self_heating", "ageing", "ocv_curvature", "current_offset", "butler_volmer"],
+    contains: &[],
     experiment: "a sweep at a second state of charge; bursts without net charge",
 };
 

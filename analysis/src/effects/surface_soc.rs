@@ -16,6 +16,7 @@ static CARD: Card = Card {
     source: "Crank, The Mathematics of Diffusion, chapter 4: plane sheet with constant flux at the surface",
     signature: "as diffusion, but with the slope of the open-circuit voltage at the surface: depends on the state of charge and on the sign near a knee",
     confounders: &["diffusion", "warburg", "rc_slow", "electrolyte_depletion", "ocv_curvature"],
+    contains: &[],
     experiment: "pulses at three states of charge, one near a knee of the curve",
 };
 

@@ -16,6 +16,7 @@ static CARD: Card = Card {
     source: "Seebeck effect; about 40 µV/K for copper against constantan",
     signature: "a ramp of the voltage with time whatever current flows, the same at any state of charge",
     confounders: &["current_offset", "self_discharge", "insufficient_rest"],
+    contains: &[],
     experiment: "a record with the voltage leads shorted; swap the leads",
 };
 

@@ -13,6 +13,7 @@ static CARD: Card = Card {
     source: "data sheets of voltmeters: gain error",
     signature: "overpotential and change of the open-circuit voltage of records are off by the same fraction",
     confounders: &["current_gain", "contact_resistance", "ageing", "ocv_slope"],
+    contains: &[],
     experiment: "a reference meter beside the channel at two voltages",
 };
 

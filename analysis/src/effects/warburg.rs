@@ -14,6 +14,7 @@ static CARD: Card = Card {
     source: "Barsoukov and Macdonald, Impedance Spectroscopy, chapter 2; 1/√s = (1/π)∫x^(−1/2)/(s + x)dx by the trapezoidal rule in ln x",
     signature: "a slope of 45° at the bottom of the band, √t after an edge without an end",
     confounders: &["diffusion", "rc_slow", "cpe", "ocv_slope", "surface_soc"],
+    contains: &[],
     experiment: "a pulse of a minute with half an hour of rest; a sweep down to 1 mHz",
 };
 

@@ -24,6 +24,18 @@ const SIMULATED_SLACK_PERIODS: f64 = 3.0;
 /// Samples per period below which a sinusoid is not to be believed.
 const MIN_SAMPLES_PER_PERIOD: f64 = 8.0;
 
+/// Refuses a sweep whose slowest frame a simulated bench would have forgotten before it is fetched.
+pub(crate) fn check_frames(bench: &Bench, eis: &Eis) -> Result<(), String> {
+    let scope = bench.instruments.scope.as_ref().and_then(|scope| by_key(scope::DIALECTS, &scope.model));
+    let (Some(scope), Some(slowest_hz), Some(_)) = (scope, eis.freqs_hz.first(), &bench.simulation) else { return Ok(()) };
+    let capabilities = scope.capabilities();
+    let screen_s = capabilities.time_per_div(Seconds(eis.periods_on_screen / slowest_hz)).value() * capabilities.horizontal_div;
+    if screen_s + SIMULATED_SLACK_PERIODS / slowest_hz > HISTORY_S {
+        return Err(format!("expected a frame of at most {HISTORY_S} s, which is what the simulated bench remembers, found {screen_s} s"));
+    }
+    Ok(())
+}
+
 /// Checks of the experiment's sections against bench and cell.
 pub(super) struct Check<'a> {
     pub(super) source: &'a Source,
@@ -251,16 +263,7 @@ impl Check<'_> {
                 self.complain("eis.points", "expected fewer points or a wider range: neighbouring frequencies are the same microhertz")
             );
         }
-        let scope = self.bench.instruments.scope.as_ref().and_then(|scope| by_key(scope::DIALECTS, &scope.model));
-        let (Some(scope), Some(slowest_hz), Some(_)) = (scope, eis.freqs_hz.first(), &self.bench.simulation) else { return Ok(()) };
-        let capabilities = scope.capabilities();
-        let screen_s = capabilities.time_per_div(Seconds(eis.periods_on_screen / slowest_hz)).value() * capabilities.horizontal_div;
-        if screen_s + SIMULATED_SLACK_PERIODS / slowest_hz > HISTORY_S {
-            let reason =
-                format!("expected a frame of at most {HISTORY_S} s, which is what the simulated bench remembers, found {screen_s} s");
-            return Err(self.complain("eis.start", reason));
-        }
-        Ok(())
+        check_frames(self.bench, eis).map_err(|reason| self.complain("eis.start", reason))
     }
 
     pub(super) fn fit(&self, raw: &raw::Fit, points: usize) -> Result<Fit, ConfigError> {

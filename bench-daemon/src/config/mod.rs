@@ -29,7 +29,7 @@ use instruments::{
 };
 
 pub use campaign::{Campaign, CampaignRun};
-pub(crate) use check::LOAD_CUT_OFF_V;
+pub(crate) use check::{LOAD_CUT_OFF_V, check_frames};
 pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
 pub use resolve::{load_any_bench, load_bench, load_experiment, resolve_experiment};

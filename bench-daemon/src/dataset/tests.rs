@@ -198,6 +198,7 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
         eis_noise_rel: 1e-3,
         start_voltage_v: 0.0,
         calibration_rel: 0.0,
+        channel_gain_rel: 0.0,
     };
     let set = DataSet {
         name: "whole".to_owned(),

@@ -2,12 +2,15 @@
 
 use analysis::{
     dataset::Role,
-    diagnosis::{DataSet, Fixture, Planned, PlannedRun, Start},
+    diagnosis::{DataSet, Fixture, Planned, PlannedRun, Run, RunData, Start},
     ocv::OcvCurve,
 };
 use instruments::mock::plant;
 
-use crate::config::{Experiment, Segment, Trace};
+use crate::{
+    config::{Experiment, Segment, Trace, check_frames},
+    procedure,
+};
 
 /// State of charge by which the cell may be elsewhere without being brought back.
 const SOC_NEAR: f64 = 0.05;
@@ -22,66 +25,93 @@ const SHORTEST_S: f64 = 0.5;
 /// Frequencies below this are swept with few periods, Hz: each takes minutes.
 const SLOW_HZ: f64 = 0.05;
 /// So many are waited for and so many recorded: a screen may be two and a half times as long as asked for, and must fill.
-const SLOW_PERIODS: (f64, f64) = (6.0, 2.0);
+const SLOW_PERIODS: (f64, f64) = (6.0, 2.5);
 
-/// The experiment that plays planned runs. Errors tell in words what this bench or campaign lacks.
-pub(super) fn experiment(first: &Experiment, set: &DataSet, (runs, ocv): (&[PlannedRun], &OcvCurve)) -> Result<Experiment, String> {
-    let [run] = runs else { return Err(format!("expected one planned run, found {}", runs.len())) };
-    let mut experiment = Experiment {
-        name: format!("{}-{}", first.name, run.name),
-        fixture_check: None,
-        soc_reset: None,
-        eis: None,
-        traces: Vec::new(),
-        ..first.clone()
-    };
-    if matches!(run.fixture, Fixture::Cell(_)) {
-        bring((&mut experiment, first), set, (run, ocv))?;
-    } else {
-        experiment.temperature = None;
-    }
-    match &run.what {
-        Planned::Trace(segments) => experiment.traces.push(trace(first, (run, ocv), segments)?),
-        Planned::Eis { freq_hz, amplitude_a } => {
-            let mut eis = first.eis.clone().ok_or("the campaign sweeps nothing")?;
-            eis.fixture = fixture(first, &run.fixture)?;
-            (eis.repeat, eis.rest_s, eis.amplitude_a) = (run.repeat, run.settle_s.min(600.0), *amplitude_a);
-            if freq_hz.first().is_some_and(|f| *f < SLOW_HZ) {
-                (eis.periods, eis.periods_on_screen) = SLOW_PERIODS;
-            }
-            eis.freqs_hz.clone_from(freq_hz);
-            experiment.eis = Some(eis);
-        }
-    }
-    Ok(experiment)
+/// Where a planned run begins: the campaign, and where it left the cell.
+#[derive(Debug, Clone)]
+pub(super) struct Site {
+    first: Experiment,
+    ocv: OcvCurve,
+    /// Temperature (°C) and state of charge of the first run.
+    begin: (f64, f64),
+    /// State of charge after the last.
+    now_soc: f64,
 }
 
-/// Brings the cell to another temperature or state of charge, where that is planned.
-fn bring((experiment, first): (&mut Experiment, &Experiment), set: &DataSet, (run, ocv): (&PlannedRun, &OcvCurve)) -> Result<(), String> {
-    let soc = |start: Start| if let Start::Ocv(v) = start { ocv.soc_at(v).unwrap_or(f64::NAN) } else { f64::NAN };
-    let cells = || set.runs.iter().filter(|run| matches!(run.fixture, Fixture::Cell(_)));
-    let (Some(begin), Some(last)) = (cells().min_by_key(|run| run.order), cells().max_by_key(|run| run.order)) else {
-        return Err("the cell was never measured".to_owned());
-    };
-    if (run.temperature_c - begin.temperature_c).abs() > NEAR_K {
-        let held = experiment.temperature.as_mut().ok_or("the campaign holds no temperature")?;
-        held.setpoint_c = run.temperature_c;
+impl Site {
+    /// Errors tell in words what the campaign lacks.
+    pub(super) fn new(first: &Experiment, set: &DataSet, ocv: &OcvCurve) -> Result<Self, String> {
+        let soc = |run: &Run| if let Start::Ocv(v) = run.start { ocv.soc_at(v).unwrap_or(f64::NAN) } else { f64::NAN };
+        let cells = || set.runs.iter().filter(|run| matches!(run.fixture, Fixture::Cell(_)));
+        let (Some(begin), Some(last)) = (cells().min_by_key(|run| run.order), cells().max_by_key(|run| run.order)) else {
+            return Err("the cell was never measured".to_owned());
+        };
+        let drawn_c = if let RunData::Time(record) = &last.data { record.series.charge_c().last().copied() } else { None };
+        let now_soc = soc(last) - drawn_c.unwrap_or(0.0) / (3600.0 * ocv.capacity_ah);
+        Ok(Self { first: first.clone(), ocv: ocv.clone(), begin: (begin.temperature_c, soc(begin)), now_soc })
     }
-    let now = soc(last.start);
-    if (run.soc - now).abs() > SOC_NEAR {
-        // The reset ends at the campaign's state of charge: its voltages are moved by as much as the open-circuit voltage is to move.
-        let mut reset = first.soc_reset.ok_or("the campaign has no reset of the state of charge")?;
-        let shift_v = ocv.voltage_v(run.soc) - ocv.voltage_v(soc(begin.start));
-        reset.discharge_until_v += shift_v;
-        reset.charge_until_v += shift_v;
-        experiment.soc_reset = Some(reset);
+
+    /// The experiment that plays planned runs, and its time on the bench, min. Errors tell in words what bench, cell or campaign lack.
+    pub(super) fn experiment(&self, runs: &[PlannedRun]) -> Result<(Experiment, f64), String> {
+        let [run] = runs else { return Err(format!("expected one planned run, found {}", runs.len())) };
+        let first = &self.first;
+        let mut experiment = Experiment {
+            name: format!("{}-{}", first.name, run.name),
+            fixture_check: None,
+            soc_reset: None,
+            eis: None,
+            traces: Vec::new(),
+            ..first.clone()
+        };
+        if matches!(run.fixture, Fixture::Cell(_)) {
+            self.bring(&mut experiment, run)?;
+        } else {
+            experiment.temperature = None;
+        }
+        match &run.what {
+            Planned::Trace(segments) => experiment.traces.push(trace(first, (run, &self.ocv), segments)?),
+            Planned::Eis { freq_hz, amplitude_a } => {
+                let mut eis = first.eis.clone().ok_or("the campaign sweeps nothing")?;
+                eis.fixture = fixture(first, &run.fixture)?;
+                (eis.repeat, eis.rest_s, eis.amplitude_a) = (run.repeat, run.settle_s.min(600.0), *amplitude_a);
+                if freq_hz.first().is_some_and(|f| *f < SLOW_HZ) {
+                    (eis.periods, eis.periods_on_screen) = SLOW_PERIODS;
+                }
+                eis.freqs_hz.clone_from(freq_hz);
+                check_frames(&first.bench, &eis)?;
+                experiment.eis = Some(eis);
+            }
+        }
+        let plan = procedure::plan(&experiment).check(&experiment.cell.limits).map_err(|error| error.to_string())?;
+        let minutes = plan.plan().expected_s() / 60.0;
+        Ok((experiment, minutes))
     }
-    Ok(())
+
+    /// Brings the cell to another temperature or state of charge, where that is planned.
+    fn bring(&self, experiment: &mut Experiment, run: &PlannedRun) -> Result<(), String> {
+        let (begin_c, begin_soc) = self.begin;
+        if (run.temperature_c - begin_c).abs() > NEAR_K {
+            let held = experiment.temperature.as_mut().ok_or("the campaign holds no temperature")?;
+            held.setpoint_c = run.temperature_c;
+        }
+        if (run.soc - self.now_soc).abs() > SOC_NEAR {
+            // The reset ends at the campaign's state of charge: its voltages are moved by as much as the open-circuit voltage is to move.
+            let mut reset = self.first.soc_reset.ok_or("the campaign has no reset of the state of charge")?;
+            let shift_v = self.ocv.voltage_v(run.soc) - self.ocv.voltage_v(begin_soc);
+            reset.discharge_until_v += shift_v;
+            reset.charge_until_v += shift_v;
+            experiment.soc_reset = Some(reset);
+        }
+        Ok(())
+    }
 }
 
 fn trace(first: &Experiment, (run, ocv): (&PlannedRun, &OcvCurve), segments: &[(f64, f64)]) -> Result<Trace, String> {
     let like = first.traces.first().ok_or("the campaign has no trace to take its sampling from")?;
-    let (middle_v, limits) = (ocv.voltage_v(run.soc), &first.cell.limits);
+    let limits = &first.cell.limits;
+    // Every repeat begins where the one before it has ended.
+    let moved_c: f64 = segments.iter().map(|(span_s, amps)| span_s * amps).sum::<f64>() * run.repeat.saturating_sub(1) as f64;
+    let (begin_v, end_v) = (ocv.voltage_v(run.soc), ocv.voltage_v(run.soc - moved_c / (3600.0 * ocv.capacity_ah)));
     let segment = |(span_s, amps): &(f64, f64)| Segment { current_a: 0.0 - amps, duration_s: span_s.max(SHORTEST_S), power_w: None };
     Ok(Trace {
         name: run.name.clone(),
@@ -89,7 +119,7 @@ fn trace(first: &Experiment, (run, ocv): (&PlannedRun, &OcvCurve), segments: &[(
         repeat_group: run.repeat_group.clone(),
         repeat: run.repeat,
         rest_s: run.settle_s.min(600.0),
-        start_v: ((middle_v - START_WITHIN_V).max(limits.min_v), (middle_v + START_WITHIN_V).min(limits.max_v)),
+        start_v: ((begin_v.min(end_v) - START_WITHIN_V).max(limits.min_v), (begin_v.max(end_v) + START_WITHIN_V).min(limits.max_v)),
         segments: segments.iter().map(segment).collect(),
         ..like.clone()
     })

@@ -8,14 +8,18 @@ mod follow_up;
 mod join;
 mod page;
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex},
+};
 
 use analysis::{
-    diagnosis::{BaseModel, BenchLimits, Diagnosis, DiagnosisOptions, NextExperiment, Outcome, PlannedRun, Verdict, gate},
+    diagnosis::{BaseModel, BenchLimits, Diagnosis, DiagnosisOptions, NextExperiment, Outcome, PlannedRun, Playable, Verdict, gate},
     fit::{Bounds, CellSweeps, FitOptions, ModelFile, OrderOptions, fit_erm, select_order},
     ocv::OcvCurve,
     spectrum::Spectrum,
 };
+use follow_up::Site;
 use serde::Serialize;
 
 use crate::{
@@ -25,14 +29,13 @@ use crate::{
     },
     config::Experiment,
     dataset::{Loaded, write_dataset},
-    procedure,
 };
 
 /// Name of the schema of `investigation.json`.
 const SCHEMA: &str = "eis-bench/investigation";
 /// Runs that a diagnosis may ask for, at most.
-const MOST_RUNS: usize = 4;
-/// Highest order that is tried where the experiment leaves the order open.
+const MOST_RUNS: usize = 6;
+/// Highest order that is tried where the experiment states none.
 const MOST_RC: usize = 6;
 /// Part of a limit that planned currents use: what is driven scatters around what is commanded.
 const LIMIT_PART: f64 = 0.94;
@@ -72,13 +75,9 @@ pub enum End {
     AtNoiseFloor,
     /// The data cannot be used.
     Invalid,
-    /// No run of the menu would tell more.
+    /// No run of the menu that this bench can play and that was not played yet would tell more.
     NoExperiment,
-    /// The run that would tell more was played already.
-    Repeated,
-    /// This bench cannot play the run that would tell more.
-    NotPlayable,
-    /// What is left of the budget does not pay for the run that would tell more.
+    /// What is left of the budget does not pay for a run that might tell more.
     Budget,
 }
 
@@ -146,16 +145,16 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
         loaded: join::campaign(&first, experiment)?,
         spent: Budget { minutes: 0.0, charge_ah: 0.0 },
     };
-    let mut outcome = desk.diagnose()?;
+    let (mut outcome, mut asked) = desk.diagnose(&[])?;
     let mut steps = vec![step(&first, None, &outcome.diagnosis)];
     let (end, end_text) = loop {
-        let (next, experiment) = match desk.next(&outcome, &steps) {
+        let (next, experiment) = match desk.next((&outcome, &asked), &steps) {
             Ok(next) => next,
             Err(end) => break end,
         };
         let folder = means.out.join(format!("{}_{}", steps.len(), next.name));
         let minutes = desk.buy(&experiment, (&next, &outcome.next_runs), &folder)?;
-        outcome = desk.diagnose()?;
+        (outcome, asked) = desk.diagnose(&steps.iter().filter_map(Step::bought).chain([next.name]).collect::<Vec<_>>())?;
         steps.push(step(&folder, Some(Bought { experiment: next, minutes }), &outcome.diagnosis));
     };
     write_dataset(&means.out.join("dataset"), &desk.loaded.set).map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -182,22 +181,72 @@ struct Desk<'a> {
     spent: Budget,
 }
 
+/// What became of the runs of the menu.
+#[derive(Debug, Clone, Default)]
+struct Asked {
+    /// Names of those that can be played.
+    allowed: Vec<String>,
+    /// Name, how it would let the investigation end, and why it cannot be played.
+    refused: Vec<(String, End, String)>,
+}
+
+impl Step {
+    /// Name of the run that was bought.
+    fn bought(&self) -> Option<&'static str> {
+        self.bought.as_ref().map(|bought| bought.experiment.name)
+    }
+}
+
 impl Desk<'_> {
-    /// The diagnosis of everything measured so far.
-    fn diagnose(&self) -> Result<Outcome, Failure> {
+    /// The diagnosis of everything measured so far, and what became of the runs of the menu.
+    fn diagnose(&self, bought: &[&'static str]) -> Result<(Outcome, Asked), Failure> {
         let limits = &self.experiment.cell.limits;
         let part = |limit_a: f64| LIMIT_PART * limit_a.min(BENCH_A);
-        let limits = BenchLimits { discharge_a: part(limits.discharge_a), charge_a: part(limits.charge_a), highest_hz: HIGHEST_HZ };
-        let options = DiagnosisOptions { limits: Some(limits), ..DiagnosisOptions::default() };
+        let limits = BenchLimits {
+            discharge_a: part(limits.discharge_a),
+            charge_a: part(limits.charge_a),
+            highest_hz: HIGHEST_HZ,
+            shunt_ohm: Some(self.experiment.bench.wiring.shunt.r_ohm),
+        };
+        let asked = Arc::new(Mutex::new(Asked::default()));
+        let options =
+            DiagnosisOptions { limits: Some(limits), playable: Some(self.playable(bought, asked.clone())), ..DiagnosisOptions::default() };
         let unreadable = self.loaded.problems.iter().map(|problem| gate::Reason::unreadable(&problem.run, &problem.text)).collect();
         let mut outcome = gate::diagnose_gated(&self.loaded.set, unreadable, &self.model, &options)
             .map_err(|error| Failure::Analysis(error.to_string()))?;
         outcome.diagnosis.notes.extend(self.loaded.notes.iter().cloned());
-        Ok(outcome)
+        let asked = asked.lock().map_or_else(|_| Asked::default(), |asked| asked.clone());
+        Ok((outcome, asked))
+    }
+
+    /// Refuses what was bought already, what bench or cell cannot do, and what the budget does not pay.
+    fn playable(&self, bought: &[&'static str], asked: Arc<Mutex<Asked>>) -> Playable {
+        let (site, bought) = (Site::new(self.experiment, &self.loaded.set, &self.model.ocv), bought.to_vec());
+        let (minutes_left, ah_left) = (self.means.budget.minutes - self.spent.minutes, self.means.budget.charge_ah - self.spent.charge_ah);
+        Arc::new(move |name, runs| {
+            let charge_ah: f64 = runs.iter().map(PlannedRun::charge_ah).sum();
+            let found = match site.as_ref().map_err(String::clone).and_then(|site| site.experiment(runs)) {
+                _ if bought.contains(&name) => Err((End::NoExperiment, "was played already".to_owned())),
+                Err(reason) => Err((End::NoExperiment, reason)),
+                Ok((_, minutes)) if minutes > minutes_left || charge_ah > ah_left => {
+                    let left = format!("takes {minutes:.0} min and {charge_ah:.2} Ah; left are {minutes_left:.0} min and {ah_left:.2} Ah");
+                    Err((End::Budget, left))
+                }
+                Ok(_) => Ok(()),
+            };
+            let allowed = found.is_ok();
+            if let Ok(mut asked) = asked.lock() {
+                match found {
+                    Ok(()) => asked.allowed.push(name.to_owned()),
+                    Err((end, reason)) => asked.refused.push((name.to_owned(), end, reason)),
+                }
+            }
+            allowed
+        })
     }
 
     /// The experiment that is worth its price, or why the investigation ends.
-    fn next(&self, outcome: &Outcome, steps: &[Step]) -> Result<(NextExperiment, Experiment), (End, String)> {
+    fn next(&self, (outcome, asked): (&Outcome, &Asked), steps: &[Step]) -> Result<(NextExperiment, Experiment), (End, String)> {
         let diagnosis = &outcome.diagnosis;
         match diagnosis.verdict {
             Verdict::Explained => return Err((End::Explained, "what was missing has a name".to_owned())),
@@ -205,23 +254,17 @@ impl Desk<'_> {
             Verdict::Invalid => return Err((End::Invalid, "the data cannot be used".to_owned())),
             Verdict::Ambiguous | Verdict::Unexplained => {}
         }
-        let Some(next) = &diagnosis.next_experiment else {
-            return Err((End::NoExperiment, "no run of the menu would tell more".to_owned()));
+        let Some(next) = diagnosis.next_experiment.as_ref().filter(|_| steps.len() <= MOST_RUNS) else {
+            let refused = || asked.refused.iter().filter(|(name, ..)| !asked.allowed.contains(name));
+            let budget = refused().any(|(_, end, _)| *end == End::Budget) || steps.len() > MOST_RUNS;
+            let reasons: Vec<String> = refused().map(|(name, _, reason)| format!("{name}: {reason}")).collect();
+            let without = if reasons.is_empty() { String::new() } else { format!("; not asked for: {}", reasons.join("; ")) };
+            let text = format!("no run that can be played would tell more{without}");
+            return Err((if budget { End::Budget } else { End::NoExperiment }, text));
         };
-        if steps.len() > MOST_RUNS || steps.iter().any(|step| step.bought.as_ref().is_some_and(|b| b.experiment.name == next.name)) {
-            return Err((End::Repeated, format!("{} was played already, or {MOST_RUNS} runs were", next.name)));
-        }
-        let unplayable = |reason: String| (End::NotPlayable, format!("{} cannot be played: {reason}", next.name));
-        let experiment =
-            follow_up::experiment(self.experiment, &self.loaded.set, (&outcome.next_runs, &self.model.ocv)).map_err(unplayable)?;
-        let plan = procedure::plan(&experiment).check(&experiment.cell.limits).map_err(|error| unplayable(error.to_string()))?;
-        let minutes = plan.plan().expected_s() / 60.0;
-        let (left, ah) = (self.means.budget.minutes - self.spent.minutes, self.means.budget.charge_ah - self.spent.charge_ah);
-        if minutes > left || next.charge_ah > ah {
-            let text = format!("{} takes {minutes:.0} min and {:.2} Ah; left are {left:.0} min and {ah:.2} Ah", next.name, next.charge_ah);
-            return Err((End::Budget, text));
-        }
-        Ok((next.clone(), experiment))
+        let site = Site::new(self.experiment, &self.loaded.set, &self.model.ocv);
+        let planned = site.and_then(|site| site.experiment(&outcome.next_runs));
+        planned.map(|(experiment, _)| (next.clone(), experiment)).map_err(|reason| (End::NoExperiment, reason))
     }
 
     /// Plays an experiment and joins what it measured; returns the minutes that it took.
@@ -254,9 +297,10 @@ fn base_model(experiment: &Experiment, measured: &Measured, means: &Means<'_>) -
     let (seed, bounds) = (experiment.seed, Bounds::for_spectra(&sweeps));
     let rc = match experiment.fit.rc.as_slice() {
         [rc] => *rc,
-        _ => {
+        orders => {
+            let most = orders.iter().copied().max().unwrap_or(MOST_RC);
             let cells = [CellSweeps { cell: experiment.cell.name.clone(), named: true, sweeps: sweeps.clone() }];
-            let options = OrderOptions { most: MOST_RC, bounds, seed };
+            let options = OrderOptions { most, bounds, seed };
             select_order(&cells, &options).map_err(|error| refused(&error))?.recommended
         }
     };

@@ -33,6 +33,7 @@ fn history(h: &hidden::BenchHistory) -> BenchHistory {
         eis_noise_rel: h.eis_noise_rel,
         start_voltage_v: 0.0,
         calibration_rel: 0.0,
+        channel_gain_rel: 0.0,
     }
 }
 

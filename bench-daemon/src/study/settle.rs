@@ -6,7 +6,7 @@ use fixtures::hidden::{self, PlanKind, RunPlan, Spec, Trace};
 use super::convert;
 
 /// What a user would state of the simulated bench: the currents of its campaign, and ten times its highest frequency.
-const LIMITS: BenchLimits = BenchLimits { discharge_a: 100.0, charge_a: 40.0, highest_hz: 3000.0 };
+const LIMITS: BenchLimits = BenchLimits { discharge_a: 100.0, charge_a: 40.0, highest_hz: 3000.0, shunt_ohm: None };
 
 /// The options of every diagnosis of the study.
 pub fn options() -> DiagnosisOptions {

@@ -19,8 +19,13 @@ const SOC_WITHIN: (f64, f64) = (0.05, 0.95);
 const SWEEP: (f64, f64, usize) = (0.1, 300.0, 25);
 /// Points of a sweep of the upper band.
 const TOP_POINTS: usize = 40;
-/// Lowest frequency of the slow sweep, Hz.
-const SLOWEST_HZ: f64 = 2e-3;
+/// Lowest frequency of the slow sweep, Hz; the next where the bench cannot.
+const SLOWEST_HZ: [f64; 3] = [2e-3, 1e-2, 1.6e-2];
+/// Its points, and how often it is measured: each point takes minutes.
+const SLOW_POINTS: usize = 6;
+const SLOW_REPEAT: usize = 2;
+/// Parts of a record's current with which it is mirrored: where the whole leaves the limits of the cell, less of it.
+const MIRRORED: [f64; 3] = [1.0, 0.5, 0.25];
 /// Half of a burst, s: the shortest current that a bench times well.
 const BURST_S: f64 = 0.5;
 
@@ -40,8 +45,7 @@ impl MenuItem {
 
     /// Charge moved in either direction, Ah.
     pub(super) fn charge_ah(&self) -> f64 {
-        let cell = self.runs.iter().filter(|r| matches!(r.fixture, Fixture::Cell(_)));
-        cell.map(|r| r.repeat as f64 * r.what.charge_c()).sum::<f64>() / 3600.0
+        self.runs.iter().map(PlannedRun::charge_ah).sum()
     }
 }
 
@@ -69,6 +73,7 @@ impl<'a> Campaign<'a> {
             discharge_a: greatest(1.0),
             charge_a: greatest(-1.0),
             highest_hz: facts.highest_hz.unwrap_or(SWEEP.1),
+            shunt_ohm: None,
         });
         let swept = problem.blocks.iter().filter(|b| b.at.is_cell).find_map(|b| match &b.kind {
             Kind::Eis { points, .. } => Some(Planned::Eis {
@@ -141,14 +146,19 @@ fn time(block: &Block) -> Option<&TimeBlock> {
     if let Kind::Time(t) = &block.kind { Some(t) } else { None }
 }
 
-/// Everything that the limits allow.
+/// Everything that the limits allow. Of items with the same name the first that can be played is the best.
 pub(super) fn menu(campaign: &Campaign<'_>) -> Vec<MenuItem> {
     let mut items = sweeps(campaign);
     let zero = "no current for 10 min: what moves by itself".to_owned();
     items.extend(campaign.trace("zero_current_log", zero, vec![(600.0, 0.0)]));
     items.extend(
-        [mirrored(campaign), bursts(campaign), long_pulse(campaign), minor_loops(campaign), equal_charge(campaign)].into_iter().flatten(),
+        MIRRORED
+            .iter()
+            .map(|part| mirrored(campaign, *part))
+            .chain([bursts(campaign), long_pulse(campaign), slow_pulse(campaign)])
+            .flatten(),
     );
+    items.extend([minor_loops(campaign), equal_charge(campaign)].into_iter().flatten());
     items.extend(sentinel_repeat(campaign));
     items
 }
@@ -163,7 +173,9 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
         items.push(campaign.swept("eis_high_frequency", words, |run| run.what = top(0.3 * highest_hz, campaign.limits.highest_hz)));
     }
     let top_hz = campaign.limits.highest_hz.max(highest_hz);
-    for (name, ohm) in [("shunt_sweep", 10e-3), ("shunt_sweep_small", 1e-3)] {
+    let shunts =
+        campaign.limits.shunt_ohm.map_or(vec![("shunt_sweep", 10e-3), ("shunt_sweep_small", 1e-3)], |ohm| vec![("shunt_sweep", ohm)]);
+    for (name, ohm) in shunts {
         let what = format!("a sweep of a {:.0} mΩ shunt in the place of the cell, {:.0} Hz to {top_hz:.0} Hz", 1e3 * ohm, 0.1 * highest_hz);
         items.push(campaign.swept(name, what, |run| {
             run.fixture = Fixture::Shunt(ohm);
@@ -193,22 +205,24 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
         }));
     }
     let lowest_hz = campaign.problem.base.facts.lowest_hz.unwrap_or(SWEEP.0);
-    if lowest_hz > 2.0 * SLOWEST_HZ {
-        items.push(campaign.swept("eis_low_frequency", format!("a sweep from {:.0} mHz to {lowest_hz:.3} Hz", 1e3 * SLOWEST_HZ), |run| {
-            run.what = Planned::Eis { freq_hz: frequencies(SLOWEST_HZ, lowest_hz, 12), amplitude_a: campaign.amplitude_a() };
+    for slowest_hz in SLOWEST_HZ.into_iter().filter(|f| lowest_hz > 2.0 * f) {
+        items.push(campaign.swept("eis_low_frequency", format!("a sweep from {:.0} mHz to {lowest_hz:.3} Hz", 1e3 * slowest_hz), |run| {
+            run.what = Planned::Eis { freq_hz: frequencies(slowest_hz, lowest_hz, SLOW_POINTS), amplitude_a: campaign.amplitude_a() };
+            run.repeat = SLOW_REPEAT;
         }));
     }
     items
 }
 
-/// The record with the longest current that stays, the other way round.
-fn mirrored(campaign: &Campaign<'_>) -> Option<MenuItem> {
+/// The record with the longest current that stays, the other way round, with a part of its current.
+fn mirrored(campaign: &Campaign<'_>, part: f64) -> Option<MenuItem> {
     let training = campaign.problem.of_role(Role::Train).filter_map(|k| time(&campaign.problem.blocks[k]));
     let longest = |segments: &[(f64, f64)]| segments.iter().filter(|s| s.1 != 0.0).map(|s| s.0).fold(0.0, f64::max);
     let segments = training.map(segments).max_by(|a, b| longest(a).total_cmp(&longest(b)))?;
     let BenchLimits { discharge_a, charge_a, .. } = campaign.limits;
-    let mirrored = segments.iter().map(|(span_s, amps)| (*span_s, (-amps).clamp(-charge_a, discharge_a))).collect();
-    campaign.trace("mirrored_charge", "the record with the longest constant current, its current reversed".to_owned(), mirrored)
+    let mirrored = segments.iter().map(|(span_s, amps)| (*span_s, (-part * amps).clamp(-charge_a, discharge_a))).collect();
+    let words = format!("the record with the longest constant current, {:.0} % of its current reversed", 100.0 * part);
+    campaign.trace("mirrored_charge", words, mirrored)
 }
 
 /// Discharge and charge in turn, each with its greatest current, as much out as in.
@@ -233,6 +247,14 @@ fn long_pulse(campaign: &Campaign<'_>) -> Option<MenuItem> {
     let amps = 0.6 * campaign.limits.discharge_a;
     let words = format!("{amps:.1} A for 60 s, then 30 min of rest");
     (amps > 0.0).then(|| campaign.trace("long_pulse", words, vec![(2.0, 0.0), (60.0, amps), (1800.0, 0.0)])).flatten()
+}
+
+/// Long enough for what takes an hour to settle.
+fn slow_pulse(campaign: &Campaign<'_>) -> Option<MenuItem> {
+    let amps = campaign.both_ways_a().min(campaign.problem.base.ocv.capacity_ah);
+    let words = format!("{amps:.1} A out for 5 min, 40 min of rest, and the same back");
+    let segments = vec![(2.0, 0.0), (300.0, amps), (2400.0, 0.0), (300.0, -amps), (2400.0, 0.0)];
+    (amps > 0.0).then(|| campaign.trace("slow_pulse", words, segments)).flatten()
 }
 
 /// Loops of charge around the start, ever smaller and then ever larger.

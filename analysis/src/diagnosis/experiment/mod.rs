@@ -6,7 +6,7 @@ mod menu;
 mod planned;
 mod separate;
 
-pub use planned::{BenchLimits, Planned, PlannedRun};
+pub use planned::{BenchLimits, Planned, PlannedRun, Playable};
 
 use super::block::Desk;
 use super::guards::CERTAIN_LAMBDA;
@@ -151,27 +151,30 @@ impl Rated {
     }
 }
 
-/// The run that tells what is open apart; none where nothing is open or no run of the menu would.
+/// The run that tells what is open apart; none where nothing is open or no run of the menu that can be played would.
 pub(super) fn recommend(
     prepared: &Prepared,
     verdict: Verdict,
     (base, selection): (&Fit, &Selection),
-    limits: Option<BenchLimits>,
+    (limits, playable): (Option<BenchLimits>, Option<&Playable>),
 ) -> Option<Recommended> {
     if !matches!(verdict, Verdict::Ambiguous | Verdict::Unexplained) {
         return None;
     }
     let campaign = Campaign::new(&prepared.problem, limits);
     let open = Open::new(verdict, base, selection);
+    let allowed = |item: &MenuItem| playable.is_none_or(|playable| playable(item.name, &item.runs));
     if open.pairs.is_empty() {
         // No names to tell apart: what changed by itself shows when the first run is repeated.
-        return sentinel_repeat(&campaign).map(|item| told(item, Vec::new(), (0.0, 0.0)));
+        return sentinel_repeat(&campaign).filter(allowed).map(|item| told(item, Vec::new(), (0.0, 0.0)));
     }
     let mut desk = Desk::default();
     let now = open.lambdas(None, 1, &mut desk);
     let planned = |item: MenuItem, desk: &mut Desk| prepared.planned(&item.runs, desk).ok().map(|p| (item, p));
+    let mut items: Vec<MenuItem> = menu(&campaign).into_iter().filter(allowed).collect();
+    items.dedup_by(|later, first| later.name == first.name);
     let mut rated: Vec<Rated> =
-        menu(&campaign).into_iter().filter_map(|item| planned(item, &mut desk).map(|p| Rated::new(p, &open, 1, &mut desk))).collect();
+        items.into_iter().filter_map(|item| planned(item, &mut desk).map(|p| Rated::new(p, &open, 1, &mut desk))).collect();
     rated.sort_by(Rated::order);
     let mut rated: Vec<Rated> = rated.into_iter().take(REFINED).map(|r| Rated::new((r.item, r.planned), &open, STEPS, &mut desk)).collect();
     rated.sort_by(Rated::order);

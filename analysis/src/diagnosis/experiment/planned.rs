@@ -7,6 +7,10 @@ use num_complex::Complex64;
 
 /// Time of a sweep per point: so many periods …
 const PERIODS: f64 = 4.0;
+/// … of a slow point, after which the cell has to forget the one before …
+const SLOW_PERIODS: f64 = 8.0;
+/// … below this, Hz.
+const SLOW_HZ: f64 = 0.05;
 /// … and so long, in which the step from one frequency to the next dies away, s.
 const POINT_S: f64 = 20.0;
 /// Rest between repeats of a run at most, s.
@@ -25,7 +29,12 @@ pub struct BenchLimits {
     pub charge_a: f64,
     /// Highest frequency of a sweep, Hz.
     pub highest_hz: f64,
+    /// The one shunt that can be put in the place of the cell, Ω; none where any can.
+    pub shunt_ohm: Option<f64>,
 }
+
+/// Says of a planned run, by the name of its item, whether bench, cell and budget allow it and it is worth playing.
+pub type Playable = std::sync::Arc<dyn Fn(&str, &[PlannedRun]) -> bool + Send + Sync>;
 
 /// A run that is to be measured.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,7 +80,7 @@ impl Planned {
     pub fn span_s(&self) -> f64 {
         match self {
             Self::Trace(segments) => segments.iter().map(|(span_s, _)| span_s).sum(),
-            Self::Eis { freq_hz, .. } => freq_hz.iter().map(|f| PERIODS / f + POINT_S).sum(),
+            Self::Eis { freq_hz, .. } => freq_hz.iter().map(|f| if *f < SLOW_HZ { SLOW_PERIODS } else { PERIODS } / f + POINT_S).sum(),
         }
     }
 
@@ -90,6 +99,12 @@ impl PlannedRun {
     pub fn duration_s(&self) -> f64 {
         let more = self.repeat.saturating_sub(1) as f64;
         self.settle_s + self.what.span_s() + more * (self.settle_s.min(BETWEEN_REPEATS_S) + self.what.span_s())
+    }
+
+    /// Charge moved with its repeats, in either direction together, Ah; none where a control is in the jig.
+    pub fn charge_ah(&self) -> f64 {
+        let cell = matches!(self.fixture, Fixture::Cell(_));
+        if cell { self.repeat as f64 * self.what.charge_c() / 3600.0 } else { 0.0 }
     }
 
     /// Start of a repeat, counted from 0, s.

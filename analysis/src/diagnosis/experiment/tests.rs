@@ -1,6 +1,6 @@
 use super::menu::{Campaign, menu};
 use super::separate::{View, separation_chi2};
-use super::{BenchLimits, Open, Planned, PlannedRun, recommend};
+use super::{BenchLimits, Open, Planned, PlannedRun, Playable, recommend};
 use crate::diagnosis::block::Desk;
 use crate::diagnosis::data::{DataSet, Fixture, RunData};
 use crate::diagnosis::gate::tests::sim::{Hidden, campaign, model};
@@ -63,7 +63,7 @@ fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> (Fit, Selectio
 fn an_inductance_is_told_from_a_skew_by_a_shunt() {
     let p = prepared(&cell_runs(inductive));
     let (base, selection) = selected(&p, 1e3, &["inductance", "time_skew"]);
-    let (next, runs) = recommend(&p, Verdict::Ambiguous, (&base, &selection), None).unwrap();
+    let (next, runs) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None)).unwrap();
     assert!(next.name.starts_with("shunt_sweep"), "{next:?}");
     let mut apart = next.separates.clone();
     apart.sort_unstable();
@@ -75,10 +75,30 @@ fn an_inductance_is_told_from_a_skew_by_a_shunt() {
 }
 
 #[test]
+fn what_cannot_be_played_is_not_recommended() {
+    let p = prepared(&cell_runs(inductive));
+    let (base, selection) = selected(&p, 1e3, &["inductance", "time_skew"]);
+    let asked = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
+    let seen = asked.clone();
+    let playable: Playable = std::sync::Arc::new(move |name: &str, runs: &[PlannedRun]| {
+        seen.lock().unwrap().push((name.to_owned(), runs.len()));
+        !name.starts_with("shunt")
+    });
+    let next = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, Some(&playable)));
+    assert!(next.is_none_or(|(next, _)| !next.name.starts_with("shunt")));
+    assert!(asked.lock().unwrap().contains(&("shunt_sweep".to_owned(), 1)));
+    // Of one shunt only that one can be swept.
+    let limits = BenchLimits { discharge_a: 18.0, charge_a: 12.0, highest_hz: 1000.0, shunt_ohm: Some(9.96e-3) };
+    let items = menu(&Campaign::new(&p.problem, Some(limits)));
+    let shunts: Vec<&Fixture> = items.iter().flat_map(|i| &i.runs).map(|r| &r.fixture).filter(|f| matches!(f, Fixture::Shunt(_))).collect();
+    assert_eq!(shunts, [&Fixture::Shunt(9.96e-3)]);
+}
+
+#[test]
 fn what_is_too_weak_to_be_certain_is_to_be_seen_better() {
     let p = prepared(&cell_runs(weakly_inductive));
     let (base, selection) = selected(&p, 60.0, &["inductance"]);
-    let (next, _) = recommend(&p, Verdict::Ambiguous, (&base, &selection), None).unwrap();
+    let (next, _) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None)).unwrap();
     assert_eq!(next.separates, ["inductance"]);
     assert!(next.separation_sigma > next.separation_now_sigma, "{next:?}");
 }
@@ -89,9 +109,9 @@ fn what_is_settled_needs_no_experiment() {
     let base = p.problem.fit(&Structure::default(), &model().erm, &mut Desk::default());
     let nothing = Selection::nothing(&base);
     for verdict in [Verdict::AtNoiseFloor, Verdict::Explained, Verdict::Invalid] {
-        assert!(recommend(&p, verdict, (&base, &nothing), None).is_none(), "{verdict:?}");
+        assert!(recommend(&p, verdict, (&base, &nothing), (None, None)).is_none(), "{verdict:?}");
     }
-    let (next, runs) = recommend(&p, Verdict::Unexplained, (&base, &nothing), None).unwrap();
+    let (next, runs) = recommend(&p, Verdict::Unexplained, (&base, &nothing), (None, None)).unwrap();
     assert_eq!((next.name, runs[0].repeat_group.as_str(), runs.len()), ("sentinel_repeat", "eis", 1));
     assert!(next.description.contains("run eis_0 once more"), "{}", next.description);
 }
@@ -151,19 +171,24 @@ fn the_menu_keeps_to_limits_and_range() {
             "eis_other_temperature",
             "eis_larger_amplitude",
             "eis_low_frequency",
+            "eis_low_frequency",
+            "eis_low_frequency",
             "zero_current_log",
+            "mirrored_charge",
+            "mirrored_charge",
             "mirrored_charge",
             "zero_net_charge_bursts",
             "long_pulse",
+            "slow_pulse",
             "minor_loops",
             "equal_charge_pulses",
             "sentinel_repeat",
         ]
     );
-    let further = Campaign::new(&p.problem, Some(BenchLimits { discharge_a: 100.0, charge_a: 40.0, highest_hz: 3000.0 }));
+    let further = Campaign::new(&p.problem, Some(BenchLimits { discharge_a: 100.0, charge_a: 40.0, highest_hz: 3000.0, shunt_ohm: None }));
     assert_eq!(menu(&further)[0].name, "eis_high_frequency");
     for (discharge_a, charge_a) in [(100.0, 40.0), (18.0, 13.0), (5.0, 20.0), (10.0, 0.0), (0.0, 0.0)] {
-        let campaign = Campaign::new(&p.problem, Some(BenchLimits { discharge_a, charge_a, highest_hz: 3000.0 }));
+        let campaign = Campaign::new(&p.problem, Some(BenchLimits { discharge_a, charge_a, highest_hz: 3000.0, shunt_ohm: None }));
         for item in menu(&campaign) {
             assert!(item.duration_min().is_finite() && item.duration_min() > 2.0, "{item:?}");
             for run in &item.runs {

@@ -145,6 +145,7 @@ fn card(c: &Card) -> Item {
         ("source", c.source.to_owned()),
         ("signature", c.signature.to_owned()),
         ("looks like", if c.confounders.is_empty() { "nothing else here".to_owned() } else { c.confounders.join(", ") }),
+        ("contains", if c.contains.is_empty() { "none".to_owned() } else { c.contains.join(", ") }),
         ("decided by", c.experiment.to_owned()),
     ];
     Item::Fields(format!("{}: {}", c.name, c.title), fields)

@@ -47,6 +47,10 @@ pub(super) struct Hidden {
     pub(super) telegraph_ohm: f64,
     /// A ripple of the voltage over charge, V.
     pub(super) ripple_v: f64,
+    /// Part by which all resistances are larger from the sixth run on.
+    pub(super) later_rel: f64,
+    /// A further branch, Ω and s.
+    pub(super) slow: (f64, f64),
 }
 
 /// OCV at a state of charge, V.
@@ -74,6 +78,7 @@ pub(super) const HISTORY: BenchHistory = BenchHistory {
     current_resolution_a: 0.0,
     eis_noise_rel: 1e-3,
     calibration_rel: 0.0,
+    channel_gain_rel: 0.0,
     start_voltage_v: 0.0,
 };
 
@@ -86,9 +91,10 @@ pub(super) const BLOCK: &[(f64, f64)] = &[(2.0, 0.0), (60.0, 25.0), (30.0, 0.0),
 /// A record of one run with its own errors of both channels.
 pub(super) fn record(segments: &[(f64, f64)], spacing: f64, hidden: &Hidden, chance: &mut Chance) -> TimeSeries {
     let (gain, zero) = (1.0 + HISTORY.current_gain_rel * chance.normal(), HISTORY.current_offset_a * chance.normal());
-    let (spread, level) = (1.0 + HISTORY.resistance_rel * chance.normal(), HISTORY.voltage_offset_v * chance.normal());
+    let (spread, level) = (1.0 + HISTORY.resistance_rel * chance.normal() + hidden.later_rel, HISTORY.voltage_offset_v * chance.normal());
     let mut s = TimeSeries { name: String::new(), time_s: Vec::new(), current_a: Vec::new(), voltage_v: Vec::new(), temperature_c: None };
     let (mut t, mut moved_c, mut heat_j, mut v, mut contact) = (0.0, 0.0, 0.0, [0.0; 2], 0.0);
+    let mut slow_v = 0.0;
     for (duration_s, amps) in segments {
         let end = t + duration_s;
         let mut since: f64 = 0.0;
@@ -99,7 +105,7 @@ pub(super) fn record(segments: &[(f64, f64)], spacing: f64, hidden: &Hidden, cha
             if chance.uniform() < 0.05 {
                 contact = hidden.telegraph_ohm - contact;
             }
-            let loss_v = factor(moved_c, heat_j) * R0 * amps + contact * amps + v[0] + v[1];
+            let loss_v = factor(moved_c, heat_j) * R0 * amps + contact * amps + v[0] + v[1] + slow_v;
             let ripple_v = hidden.ripple_v * (std::f64::consts::TAU * moved_c / 25.0).sin();
             s.time_s.push(t);
             s.current_a.push(gain * amps + zero);
@@ -115,6 +121,8 @@ pub(super) fn record(segments: &[(f64, f64)], spacing: f64, hidden: &Hidden, cha
                     let target = now * r * amps;
                     *v = target + (*v - target) * (-h / (tau * now)).exp();
                 }
+                let settled_v = spread * hidden.slow.0 * amps;
+                slow_v = settled_v + (slow_v - settled_v) * (-h / hidden.slow.1.max(1e-9)).exp();
                 heat_j += (amps * (now * R0 * amps + v[0] + v[1]) - heat_j / COOLING_S) * h;
                 moved_c += amps * h;
             }
@@ -127,7 +135,7 @@ pub(super) fn record(segments: &[(f64, f64)], spacing: f64, hidden: &Hidden, cha
 
 /// A sweep from 0.1 to 300 Hz.
 pub(super) fn sweep(hidden: &Hidden, chance: &mut Chance) -> Sweep {
-    let spread = 1.0 + HISTORY.resistance_rel * chance.normal();
+    let spread = 1.0 + HISTORY.resistance_rel * chance.normal() + hidden.later_rel;
     let points = (0..20)
         .map(|k| {
             let freq_hz = 0.1 * 3000f64.powf(f64::from(k) / 19.0);
@@ -136,6 +144,7 @@ pub(super) fn sweep(hidden: &Hidden, chance: &mut Chance) -> Sweep {
             for (r, tau) in BRANCHES {
                 z += r / Complex64::new(1.0, omega * tau);
             }
+            z += hidden.slow.0 / Complex64::new(1.0, omega * hidden.slow.1);
             let slope = (ocv_v(START + 1e-4) - ocv_v(START - 1e-4)) / 2e-4 * (1.0 + hidden.slope);
             z = spread * z - Complex64::new(0.0, slope / (3600.0 * CAPACITY_AH * omega));
             let size = HISTORY.eis_noise_rel * z.norm();
@@ -173,10 +182,11 @@ pub(super) fn campaign(seed: u64, train: &Hidden, held_out: &Hidden) -> DataSet 
             sigma_v: None,
         })
     };
-    for _ in 0..3 {
-        add("eis", Role::Train, RunData::Eis(sweep(train, &mut chance)));
-        add("pulses", Role::Train, time(PULSES, train, &mut chance));
-        add("long", Role::Train, time(LONG, train, &mut chance));
+    for nth in 0..3 {
+        let at = |order: u32| Hidden { later_rel: if order >= 5 { train.later_rel } else { 0.0 }, ..*train };
+        add("eis", Role::Train, RunData::Eis(sweep(&at(3 * nth), &mut chance)));
+        add("pulses", Role::Train, time(PULSES, &at(3 * nth + 1), &mut chance));
+        add("long", Role::Train, time(LONG, &at(3 * nth + 2), &mut chance));
     }
     for _ in 0..2 {
         add("block", Role::HeldOut, time(BLOCK, held_out, &mut chance));

@@ -1,6 +1,10 @@
 //! Each guard: with it the workflow ends as it should, without it and it alone it does not.
 
 use super::bench::{Hidden, campaign, model};
+use crate::diagnosis::block::Desk;
+use crate::diagnosis::diagnose::base_fit;
+use crate::diagnosis::prepare::prepare;
+use crate::diagnosis::select::Search;
 use crate::diagnosis::{DataSet, Diagnosis, DiagnosisOptions, Guards, Role, RunData, Verdict, diagnose};
 
 fn with(set: &DataSet, guards: Guards) -> Diagnosis {
@@ -52,7 +56,7 @@ fn held_out_runs_that_contradict_are_heard() {
 fn a_small_help_is_no_name() {
     let hidden = Hidden { ripple_v: 8e-3, ..Hidden::default() };
     let set = campaign(51, &hidden, &hidden);
-    let kept = Guards { held_out: false, ..Guards::default() };
+    let kept = Guards { held_out: false, outside: false, ..Guards::default() };
     let on = with(&set, kept);
     let off = with(&set, Guards { material_share: false, ..kept });
     assert_eq!((on.verdict, names(&on).len()), (Verdict::Unexplained, 0), "{:?}", names(&on));
@@ -76,9 +80,9 @@ fn a_parameter_at_its_bound_is_no_name() {
     let hidden = Hidden { slope: 0.9, ..Hidden::default() };
     let set = campaign(71, &hidden, &hidden);
     assert!(!names(&with(&set, Guards::default())).contains(&"ocv_slope"));
-    let off = with(&set, Guards { bound: false, held_out: false, ..Guards::default() });
+    let kept = Guards { held_out: false, outside: false, ..Guards::default() };
+    let off = with(&set, Guards { bound: false, ..kept });
     assert!(names(&off).contains(&"ocv_slope"), "{:?}", names(&off));
-    let kept = Guards { held_out: false, ..Guards::default() };
     assert!(!names(&with(&set, kept)).contains(&"ocv_slope"));
 }
 
@@ -96,6 +100,39 @@ fn steps_are_as_fine_as_integration_needs() {
     let error = |d: &Diagnosis| d.effects.iter().map(|e| e.evidence.integration_error).fold(0.0, f64::max);
     assert!(names(&on).contains(&"self_heating") && error(&on) <= 0.1, "{:?} {}", names(&on), error(&on));
     assert!(error(&off) > 0.1, "{:?} {}", names(&off), error(&off));
+}
+
+#[test]
+fn a_name_that_something_outside_the_catalogue_beats_is_withdrawn() {
+    // A contact that was made worse between two runs looks like ageing to a catalogue that knows nothing else.
+    let hidden = Hidden { later_rel: 0.05, ..Hidden::default() };
+    let set = campaign(91, &hidden, &hidden);
+    let kept = Guards { sentinel: false, ..Guards::default() };
+    let off = with(&set, Guards { outside: false, ..kept });
+    assert_eq!(names(&off), ["ageing"], "{} {:?}", off.summary, off.ranking);
+    let on = with(&set, kept);
+    assert_eq!((on.verdict, names(&on).len()), (Verdict::Unexplained, 0), "{} {:?}", on.summary, on.ranking);
+    assert!(on.summary.contains("something like a change of the resistances between two runs"), "{}", on.summary);
+}
+
+#[test]
+fn a_fit_that_did_not_converge_is_no_evidence() {
+    let hidden = Hidden { per_soc: -0.6, ..Hidden::default() };
+    let set = campaign(3, &hidden, &hidden);
+    let prepared = prepare(&set, &model(), Guards::default()).unwrap();
+    let problem = &prepared.problem;
+    let candidates = [crate::effects::find("soc_resistance").unwrap()];
+    let verdict = |guards: Guards, converged: bool| {
+        let mut search = Search { problem, candidates: &candidates, guards, desk: Desk::default() };
+        let base = base_fit(problem, &model().erm, &mut search.desk);
+        let mut attempt = search.attempts(&base, None).0.into_iter().find(|a| a.name == "soc_resistance").unwrap();
+        assert!(base.converged && attempt.fit.converged);
+        attempt.fit.converged = converged;
+        search.accept(&base, &attempt, 0)
+    };
+    let off = Guards { convergence: false, ..Guards::default() };
+    assert!(verdict(Guards::default(), true).is_ok() && verdict(off, false).is_ok());
+    assert_eq!(verdict(Guards::default(), false).unwrap_err(), "its fit did not converge");
 }
 
 /// Keeps the samples at edges and every eighth in between.

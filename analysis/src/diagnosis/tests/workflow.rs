@@ -39,3 +39,29 @@ fn without_repeats_no_floor_is_claimed() {
     assert!(d.verdict != Verdict::AtNoiseFloor && !d.noise.from_repeats, "{:?}", d.verdict);
     assert!(d.notes.iter().any(|n| n.contains("no noise floor can be claimed")), "{:?}", d.notes);
 }
+
+#[test]
+fn a_missing_branch_is_found_from_a_base_that_imitates_it() {
+    // The refitted base stretches a branch of its own towards 47 s: from there no addition leads back.
+    let hidden = Hidden { slow: (8e-3, 47.0), ..Hidden::default() };
+    let d = verdict(6, &hidden);
+    let named: Vec<&str> = d.effects.iter().map(|e| e.name).collect();
+    assert_eq!((d.verdict, named), (Verdict::Explained, vec!["rc_slow"]), "{} {:?} {:?}", d.summary, d.rivals, d.ranking);
+    let value = |k: usize| d.effects[0].parameters[k].value;
+    assert!((value(0) / 8e-3 - 1.0).abs() < 0.05 && (value(1) / 47.0 - 1.0).abs() < 0.05, "{:?}", d.effects[0].parameters);
+}
+
+#[test]
+fn no_current_and_a_flat_curve_leave_nothing_to_look_for() {
+    let mut model = model();
+    model.ocv.ocv_v.iter_mut().for_each(|v| *v = 3.3);
+    model.ocv.slope_v.iter_mut().for_each(|v| *v = 0.0);
+    let base = crate::effects::Base {
+        erm: model.erm,
+        ocv: model.ocv,
+        facts: crate::effects::Facts { widest_soc: 0.1, ..crate::effects::Facts::NONE },
+    };
+    for name in ["ocv_curvature", "current_offset"] {
+        assert_eq!(super::super::structure::variants(crate::effects::find(name).unwrap(), &base).len(), 0, "{name}");
+    }
+}

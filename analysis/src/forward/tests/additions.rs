@@ -48,6 +48,7 @@ static SINH: Card = Card {
     source: "",
     signature: "",
     confounders: &[],
+    contains: &[],
     experiment: "",
 };
 

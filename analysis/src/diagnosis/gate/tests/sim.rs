@@ -55,6 +55,7 @@ pub(super) fn history() -> BenchHistory {
         eis_noise_rel: 1e-3,
         start_voltage_v: 0.0,
         calibration_rel: 0.0,
+        channel_gain_rel: 0.0,
     }
 }
 

@@ -1,0 +1,194 @@
+//! Effects that are no part of the catalogue and are never named: they stand for what it does not have. A name that one of them beats is withdrawn.
+//!
+//! Each is a plain law of a kind that the catalogue lacks: a resistance with a memory of the current's size, friction of the stored charge, a resistance
+//! that changes once between two runs.
+
+use super::quantity::log_grid;
+use super::{Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record};
+use num_complex::Complex64;
+use std::f64::consts::{PI, TAU};
+
+/// Places in the order of runs that a single change is looked for at.
+const PLACES: usize = 7;
+
+/// All of them.
+pub(crate) fn outside() -> &'static [&'static dyn Effect] {
+    &[&Memory, &Friction, &Change]
+}
+
+const fn card(name: &'static str, title: &'static str, state_equation: &'static str, impedance: &'static str) -> Card {
+    Card {
+        name,
+        title,
+        group: Group::Cell,
+        mechanism: "Stands for causes that the catalogue does not have.",
+        state_equation,
+        impedance,
+        source: "a law of its kind with the fewest parameters",
+        signature: "not looked for by name",
+        confounders: &[],
+        contains: &[],
+        experiment: "none: it is never named",
+    }
+}
+
+static MEMORY: Card = card(
+    "outside_memory",
+    "something like a resistance that remembers the size of the current",
+    "R → R·(1 + m·x), τ·dx/dt = |i| − x; m in 1/A, τ in s",
+    "the mean of |i| is 2/π of the amplitude",
+);
+static FRICTION: Card = card(
+    "outside_friction",
+    "something like friction of the stored charge",
+    "V += M·(z − p)/w, p is dragged along where |z − p| exceeds the half width w; M in V",
+    "Z += M/w over the capacity, from rest",
+);
+static CHANGE: Card = card(
+    "outside_change",
+    "something like a change of the resistances between two runs",
+    "all resistances × (1 + d) from some run on",
+    "as its resistances",
+);
+
+#[derive(Debug)]
+struct Memory;
+
+impl Effect for Memory {
+    fn card(&self) -> &'static Card {
+        &MEMORY
+    }
+
+    fn parameters(&self, base: &Base) -> Vec<Parameter> {
+        if base.facts.longest_s <= 0.0 || base.facts.greatest_a <= 0.0 {
+            return Vec::new();
+        }
+        let most = 0.5 / base.facts.greatest_a;
+        let range = Range { lower: 1.0, upper: 600.0 };
+        vec![
+            Parameter::strength("per_a", "1/A", Range { lower: -most, upper: most }, 0.01 * most),
+            Parameter::shape("tau_s", "s", range, log_grid(4.0, 60.0, 2)),
+        ]
+    }
+
+    fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
+        if !at.is_cell {
+            return z_ohm;
+        }
+        z_ohm + base.erm.r_ohm * p[0] * at.amplitude_a.unwrap_or(0.0) * 2.0 / PI
+    }
+
+    fn dynamics(&self, p: &[f64], _base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
+        Some(Box::new(Remembered { per_a: p[0], tau_s: p[1], x_a: 0.0 }))
+    }
+}
+
+struct Remembered {
+    per_a: f64,
+    tau_s: f64,
+    x_a: f64,
+}
+
+impl Dynamics for Remembered {
+    fn modulation(&self, _at: &Instant) -> Modulation {
+        Modulation { series: 1.0 + self.per_a * self.x_a, branches: 1.0 }
+    }
+
+    fn advance(&mut self, at: &Instant, step_s: f64) {
+        let settled = at.current_a.abs();
+        self.x_a = settled + (self.x_a - settled) * (-step_s / self.tau_s).exp();
+    }
+}
+
+#[derive(Debug)]
+struct Friction;
+
+impl Effect for Friction {
+    fn card(&self) -> &'static Card {
+        &FRICTION
+    }
+
+    fn parameters(&self, base: &Base) -> Vec<Parameter> {
+        let widest = base.facts.widest_soc;
+        if widest <= 0.0 {
+            return Vec::new();
+        }
+        let range = Range { lower: 0.02 * widest, upper: 2.0 * widest };
+        vec![
+            Parameter::strength("m_v", "V", Range { lower: 0.0, upper: 0.2 }, 2e-3),
+            Parameter::shape("half_width", "", range, log_grid(0.1 * widest, 0.6 * widest, 2)),
+        ]
+    }
+
+    fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
+        if !at.is_cell {
+            return z_ohm;
+        }
+        let per_c = p[0] / (p[1] * 3600.0 * base.ocv.capacity_ah);
+        z_ohm - Complex64::new(0.0, per_c / (TAU * at.freq_hz))
+    }
+
+    fn dynamics(&self, p: &[f64], base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
+        Some(Box::new(Dragged { m_v: p[0], half_c: p[1] * 3600.0 * base.ocv.capacity_ah, stretched_c: 0.0 }))
+    }
+}
+
+struct Dragged {
+    m_v: f64,
+    /// Half width, C.
+    half_c: f64,
+    /// Charge put in since the drag began, C, within the half width.
+    stretched_c: f64,
+}
+
+impl Dynamics for Dragged {
+    fn voltage_v(&self, _at: &Instant) -> f64 {
+        self.m_v * self.stretched_c / self.half_c
+    }
+
+    fn advance(&mut self, at: &Instant, step_s: f64) {
+        self.stretched_c = (self.stretched_c - at.current_a * step_s).clamp(-self.half_c, self.half_c);
+    }
+}
+
+#[derive(Debug)]
+struct Change;
+
+impl Effect for Change {
+    fn card(&self) -> &'static Card {
+        &CHANGE
+    }
+
+    fn parameters(&self, base: &Base) -> Vec<Parameter> {
+        if base.facts.orders <= 0.0 {
+            return Vec::new();
+        }
+        vec![Parameter::strength("d", "", Range { lower: -0.3, upper: 1.0 }, 0.01), Parameter::choice("place", PLACES)]
+    }
+
+    fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
+        if !at.is_cell {
+            return z_ohm;
+        }
+        z_ohm + changed(p, base, at.order).change_ohm(&base.erm, at.freq_hz)
+    }
+
+    fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
+        Some(Box::new(Changed { modulation: changed(p, base, record.order) }))
+    }
+}
+
+fn changed(p: &[f64], base: &Base, order: f64) -> Modulation {
+    let from = (p[1] + 1.0) / (PLACES as f64 + 1.0) * base.facts.orders;
+    Modulation::all(1.0 + if order > from { p[0] } else { 0.0 })
+}
+
+struct Changed {
+    modulation: Modulation,
+}
+
+impl Dynamics for Changed {
+    fn modulation(&self, _at: &Instant) -> Modulation {
+        self.modulation
+    }
+}
