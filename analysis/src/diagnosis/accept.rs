@@ -3,7 +3,8 @@
 use super::attempts::{Attempt, is_outside};
 use super::data::Role;
 use super::guards::{
-    GOOD_FIT_Z, HELD_OUT_PART, HELD_OUT_SHARE, HELD_OUT_SUM, HELD_OUT_Z, INTEGRATION_PART, LEAST_LAMBDA, LEAST_SCORE, MATERIAL_SHARE,
+    CONVERGED, CONVERGED_PART, GOOD_FIT_Z, HELD_OUT_PART, HELD_OUT_SHARE, HELD_OUT_SUM, HELD_OUT_Z, INTEGRATION_PART, LEAST_LAMBDA,
+    LEAST_SCORE, MATERIAL_SHARE,
 };
 use super::outcome::Evidence;
 use super::problem::Fit;
@@ -22,7 +23,8 @@ impl Search<'_> {
         if is_outside(attempt.name) {
             return Err("it is no effect of the catalogue".to_owned());
         }
-        if self.guards.convergence && !(before.converged && attempt.fit.converged) {
+        let promise = before.promise.max(attempt.fit.promise);
+        if self.guards.convergence && promise > CONVERGED.max(CONVERGED_PART * attempt.lambda) {
             return Err("its fit did not converge".to_owned());
         }
         if self.guards.material_share && share < MATERIAL_SHARE && left >= GOOD_FIT_Z {

@@ -75,6 +75,10 @@ pub(super) const MOST_PARTS: usize = 8;
 pub(super) const SENTINEL_Z: f64 = 5.0;
 /// Error of integration as a part of the floor.
 pub(super) const INTEGRATION_PART: f64 = 0.1;
+/// χ² that a further step of a fit may still promise where it counts as converged …
+pub(super) const CONVERGED: f64 = 0.1;
+/// … or this part of the λ that it is evidence for.
+pub(super) const CONVERGED_PART: f64 = 0.01;
 /// χ² that leaving an addition out must cost: its 95 % interval, by the likelihood, leaves zero out.
 pub(super) const LEAST_LAMBDA: f64 = 3.84;
 /// λ below which a name is never certain: something outside the catalogue that shares 70 % of an effect's signal would leave less than 5 standard

@@ -14,8 +14,6 @@ use crate::model::Erm;
 const ITERATIONS: usize = 60;
 /// A fit ends when less χ² than this is promised.
 const PROMISE: f64 = 2e-3;
-/// χ² that a further step may still promise where a fit counts as converged.
-const CONVERGED: f64 = 0.1;
 /// Information given to a coordinate in any case: a move by 1 changes the prediction by less than 1e-4 standard deviations.
 const UNMOVED: f64 = 1e-8;
 
@@ -44,8 +42,8 @@ pub(super) struct Fit {
     pub(super) residuals: Vec<f64>,
     /// Derivatives of the whitened prediction, one column per parameter.
     pub(super) columns: Vec<Vec<f64>>,
-    /// False where a further step promises a lower χ²: no evidence then.
-    pub(super) converged: bool,
+    /// χ² that a further step still promises.
+    pub(super) promise: f64,
 }
 
 impl Problem {
@@ -213,7 +211,7 @@ impl Problem {
         let predicted = self.whitened((structure, &x), desk);
         let residuals: Vec<f64> = self.target().iter().zip(&predicted).map(|(t, p)| t - p).collect();
         let columns = self.columns(structure, (&x, &axes), &predicted, desk);
-        Fit { structure: structure.clone(), x, axes, chi2: dot(&residuals, &residuals), residuals, columns, converged: false }
+        Fit { structure: structure.clone(), x, axes, chi2: dot(&residuals, &residuals), residuals, columns, promise: f64::INFINITY }
     }
 
     /// Fits a structure from a vector.
@@ -249,8 +247,8 @@ impl Problem {
                 }
             }
         }
-        let converged = step(&columns, &residuals, (&x, &axes), 0.0).is_none_or(|(_, promise)| promise < CONVERGED);
-        Fit { structure: structure.clone(), x, axes, chi2, residuals, columns, converged }
+        let promise = step(&columns, &residuals, (&x, &axes), 0.0).map_or(0.0, |(_, promise)| promise);
+        Fit { structure: structure.clone(), x, axes, chi2, residuals, columns, promise }
     }
 }
 

@@ -108,22 +108,33 @@ fn the_bench_is_left_out() {
     assert_eq!(cell.left_out(), ["gain error of the current channel", "drifting thermal voltage"]);
 }
 
+/// Factor on resistances of a heat kept (J): Arrhenius' law about 25 °C, 14.8 J/K per Ah.
+fn warm(g: f64, heat_j: f64) -> f64 {
+    (-g * heat_j / (1.0 + heat_j / (14.8 * curve().capacity_ah * 298.15))).exp()
+}
+
 #[test]
-fn warmth_lowers_the_resistance_by_its_closed_form() {
-    // Without loss to the surroundings: dx/dt = g·R·i²·exp(−x), exp(x) = 1 + g·R·i²·t.
+fn warmth_lowers_the_resistance_as_arrhenius_says() {
+    // Without loss to the surroundings: dh/dt = R·i²·f(h).
     let (g, r, i) = (2e-4, 0.012, 40.0_f64);
     let cell = augmented(Erm { r_ohm: r, branches: Vec::new() }, vec![kept("self_heating", &[g, 1e8])]);
     let model = sim(&cell, ONE);
     let profile = rows(Demand::Current, Interpolation::Hold, &[(0.0, i), (120.0, i)]);
     let options = SimOptions { max_step_s: 5.0, ..SimOptions::default() };
     let run = simulate(&model, &model.rest(0.9).unwrap(), &profile, &options).unwrap();
+    let (mut heat_j, mut now_s) = (0.0, 0.0);
     for (k, t) in run.trace.time_s.iter().enumerate() {
+        while now_s < t - 1e-9 {
+            let h = (t - now_s).min(0.01);
+            let middle_j = heat_j + 0.5 * h * r * i * i * warm(g, heat_j);
+            heat_j += h * r * i * i * warm(g, middle_j);
+            now_s += h;
+        }
         let met = (run.trace.ocv_v[k] - run.trace.ccv_v[k]) / i;
-        let expected = r / (1.0 + g * r * i * i * t);
+        let expected = r * warm(g, heat_j);
         assert!((met - expected).abs() * i < 2e-6, "{t} s: {met} Ω against {expected} Ω");
     }
     assert!(run.trace.time_s.len() == 25);
-    let heat_j = (1.0 + g * r * i * i * 120.0).ln() / g;
     assert!((run.summary.heat_j / heat_j - 1.0).abs() < 1e-5, "{} J against {heat_j} J", run.summary.heat_j);
 }
 
@@ -140,14 +151,14 @@ const BRANCHES: [(f64, f64); 2] = [(2e-3, 0.02), (4e-3, 3.0)];
 
 impl Truth {
     fn current(&self, y: &[f64; 4]) -> (f64, f64) {
-        let (e, r) = (curve().voltage_v(y[0]) - y[1] - y[2], R * (-y[3]).exp());
+        let (e, r) = (curve().voltage_v(y[0]) - y[1] - y[2], R * warm(self.g, y[3] / self.g));
         let i = (e - (e * e - 4.0 * r * self.power_w).sqrt()) / (2.0 * r);
         (i, e - r * i)
     }
 
     fn slope(&self, y: &[f64; 4]) -> [f64; 4] {
         let (i, _) = self.current(y);
-        let f = (-y[3]).exp();
+        let f = warm(self.g, y[3] / self.g);
         let (c1, c2) = (BRANCHES[0].1 / BRANCHES[0].0, BRANCHES[1].1 / BRANCHES[1].0);
         let through = (self.beta * y[2] / BRANCHES[1].0).sinh() / (self.beta * f);
         let heat_w = i * (R * f * i + y[1] + y[2]);
