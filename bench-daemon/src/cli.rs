@@ -56,7 +56,7 @@ Exit codes:
   7  the bench is latched after a trip: look at it, then `eis-bench clear BENCH`
   8  another process runs the bench, or the guardian of an earlier run is still at work on it
   9  the guardian cannot be started or was lost; the bench was brought into safe state
-  130  stopped by Ctrl-C, Ctrl-Z, SIGTERM or the end of the terminal; the bench was brought into safe state";
+  130  stopped by Ctrl-C, Ctrl-Z, SIGTERM, `eis-bench abort` or the end of the terminal; the bench was brought into safe state";
 
 /// Runs a battery test bench and turns what it measures into a model that a robot can trust.
 #[derive(Debug, Parser)]

@@ -19,6 +19,7 @@ use crate::{
         run::{Past, Session, run_experiment},
     },
     config::Experiment,
+    custody,
     journal::JOURNAL,
     wishes::Wishes,
 };
@@ -35,6 +36,8 @@ const REWRITTEN: [&str; 1] = ["json"];
 pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
     let folder = &args.folder;
     let (experiment, past) = Past::read(folder, args.accept_charge)?;
+    // A run that is still going on must find its folder, and what is wanted of it, as they are.
+    custody::refuse(&experiment.bench)?;
     Wishes::forget(folder);
     let addressed = experiment.bench.instruments.addressed();
     let in_process = addressed.iter().any(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));

@@ -84,6 +84,11 @@ fn a_campaign_is_paused_reordered_aborted_and_gone_on_with_from_another_terminal
     say(&["pause"]);
     told("\"entry\":\"paused\"");
     assert_eq!(ports.world.lock().unwrap().truth_current_a(), 0.0, "paused means no current");
+    let kept = fs::read(run.join("journal.jsonl")).unwrap();
+    let refused = resume(&run, &[]);
+    refused.expect_code(8);
+    assert!(refused.message().contains("expected a bench that nobody runs: process "), "{}", refused.message());
+    assert!(fs::read(run.join("journal.jsonl")).unwrap() == kept && run.join("wishes.json").exists(), "a run that goes on is left alone");
     say(&["reorder", "4", "2"]);
     say(&["go-on"]);
     told("\"entry\":\"gone_on\"");

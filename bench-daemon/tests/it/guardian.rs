@@ -24,7 +24,7 @@ use crate::{
 const FACTOR: f64 = 10.0;
 
 /// A file in the state folder of the bench.
-fn state(files: &Files, name: &str) -> PathBuf {
+pub(crate) fn state(files: &Files, name: &str) -> PathBuf {
     files.path("benches/.eis-bench/demo").join(name)
 }
 

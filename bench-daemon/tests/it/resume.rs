@@ -140,16 +140,25 @@ fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
     let mut child = crate::support::Running(command(&arguments).spawn().unwrap());
     let drawn = || ports.world.lock().unwrap().truth_current_a() < -2.0;
     crate::support::poll("the pulse", || drawn().then_some(()));
+    // The guardian dies with it: the output stays on.
+    let guardian = crate::guardian::report(&files, "watching")["pid"].as_i64().unwrap();
+    let signal = |signal| nix::sys::signal::kill(nix::unistd::Pid::from_raw(i32::try_from(guardian).unwrap()), signal).unwrap();
+    signal(nix::sys::signal::Signal::SIGSTOP);
     child.0.kill().unwrap();
     child.0.wait().unwrap();
+    signal(nix::sys::signal::Signal::SIGKILL);
+    assert_eq!(ports.ask("supply4q", "OUTP?"), "1");
     let refused = resume(&run, &[]);
     refused.expect_code(2);
     assert!(refused.message().contains("stage 1, step 4 (trace pulse, repeat 1: "), "{}", refused.message());
     assert!(refused.message().contains("go on with --accept-charge"), "{}", refused.message());
     resume(&run, &["--accept-charge"]).expect_code(0);
     let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap();
-    // Off by now, for that is the guardian's business: the one who resumes looks, and writes down what is found.
-    assert!(journal.contains("\"role\":\"supply4q\",\"off\":"), "{journal}");
+    let (before, after) = journal.split_once("\"entry\":{\"resumed\"").unwrap();
+    assert!(!before.contains("\"found\""));
+    let (found, _) = after.split_once("\"entry\":\"safe\"").unwrap();
+    assert_eq!(found.matches("\"entry\":{\"found\"").count(), 4, "everything that can move charge is looked at before it is switched off");
+    assert!(found.contains("\"role\":\"supply4q\",\"off\":false"), "{found}");
     assert_eq!(journal.matches("\"text\":\"trace pulse").count(), 2);
     assert_eq!(json(&run.join("traces.json"))["traces"].as_array().unwrap().len(), 1);
     ports.assert_outputs_off();

@@ -294,7 +294,7 @@ pub(crate) fn poll<T>(what: &str, mut question: impl FnMut() -> Option<T>) -> T 
 }
 
 #[expect(clippy::disallowed_methods, reason = "another process is waited for, which knows no bench time")]
-pub(crate) fn nap() {
+fn nap() {
     std::thread::sleep(Duration::from_millis(20));
 }
 
