@@ -149,7 +149,8 @@ fn moved_floor(prepared: &Prepared) -> Option<String> {
 }
 
 fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions) -> Search<'a> {
-    Search { problem: &prepared.problem, candidates: &options.candidates, guards: options.guards, desk: Desk::default() }
+    let (problem, candidates) = (&prepared.problem, &options.candidates);
+    Search { problem, candidates, guards: options.guards, measured: measured(prepared), desk: Desk::default() }
 }
 
 fn quality(problem: &Problem, base: &Fit, after: &Fit) -> Quality {
@@ -260,7 +261,12 @@ fn noise_report(prepared: &Prepared) -> NoiseReport {
             z: if prepared.prior.known { e.z[k] } else { None },
         })
         .collect();
-    NoiseReport { from_repeats: e.repeats >= 3, terms }
+    NoiseReport { from_repeats: measured(prepared), terms }
+}
+
+/// Whether repeats have measured the noise.
+fn measured(prepared: &Prepared) -> bool {
+    prepared.estimate.repeats >= 3
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> f64 {

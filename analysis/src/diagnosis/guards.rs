@@ -57,6 +57,8 @@ pub(super) const MISFIT_Z: f64 = 3.0;
 pub(super) const GOOD_FIT_Z: f64 = 5.0;
 /// Penalised gain by which the best must lead a rival to be named.
 pub(super) const NAMING_LEAD: f64 = 14.0;
+/// Part of the named one's gain by which it must lead where the noise is assumed: a χ² is then worth no more than the assumption.
+pub(super) const ASSUMED_LEAD: f64 = 0.05;
 /// χ² below which the freer of two forms gains nothing: the 99 % interval of its further parameter holds the limit where it is the other form.
 pub(super) const SUFFICES: f64 = 6.63;
 /// A held-out run's χ² may grow by this part …

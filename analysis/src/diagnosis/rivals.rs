@@ -1,7 +1,7 @@
 //! Which other effects would do as well in the place of one that was taken.
 
 use super::attempts::{Attempt, is_outside};
-use super::guards::{NAMING_LEAD, SUFFICES};
+use super::guards::{ASSUMED_LEAD, NAMING_LEAD, SUFFICES};
 use super::problem::Fit;
 use super::select::{RivalFit, Search, Selection};
 use super::whitening::dot;
@@ -20,7 +20,7 @@ impl Search<'_> {
             selection.taken[k].evidence.score = own;
             let (attempts, _) = self.attempts(&without, Some(name));
             for other in attempts {
-                if !rivals((name, lambda, own), &other) || names.contains(&other.name) {
+                if !rivals((name, lambda, own), &other, self.lead(lambda)) || names.contains(&other.name) {
                     continue;
                 }
                 let index = other.fit.structure.members.len() - 1;
@@ -32,6 +32,11 @@ impl Search<'_> {
                 selection.taken[k].rivals.push(RivalFit { name: other.name, score_gap: gap, discriminability: distinct, fit: other.fit });
             }
         }
+    }
+
+    /// Penalised gain by which an effect of this λ must lead.
+    fn lead(&self, lambda: f64) -> f64 {
+        if self.measured { NAMING_LEAD } else { NAMING_LEAD.max(ASSUMED_LEAD * lambda) }
     }
 
     /// r: part of what the named effect adds that the other cannot imitate, to first order around its fit.
@@ -46,8 +51,8 @@ impl Search<'_> {
 
 /// Whether another effect is a rival of a named one of this λ and score. What contains the named effect as a limit fits as well by necessity: where the
 /// interval of its shape holds the limit, only its forms away from there count.
-fn rivals((name, lambda, own): (&str, f64, f64), other: &Attempt) -> bool {
-    let near = |score: f64| score - own >= -NAMING_LEAD;
+fn rivals((name, lambda, own): (&str, f64, f64), other: &Attempt, lead: f64) -> bool {
+    let near = |score: f64| score - own >= -lead;
     if !find(other.name).is_some_and(|e| e.card().contains.contains(&name)) {
         return near(other.score);
     }

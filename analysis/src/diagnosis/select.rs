@@ -77,6 +77,8 @@ pub(super) struct Search<'a> {
     pub(super) problem: &'a Problem,
     pub(super) candidates: &'a [&'static dyn Effect],
     pub(super) guards: Guards,
+    /// The noise was measured by repeats, not assumed.
+    pub(super) measured: bool,
     pub(super) desk: Desk,
 }
 

@@ -123,7 +123,7 @@ fn a_fit_that_did_not_converge_is_no_evidence() {
     let problem = &prepared.problem;
     let candidates = [crate::effects::find("soc_resistance").unwrap()];
     let verdict = |guards: Guards, converged: bool| {
-        let mut search = Search { problem, candidates: &candidates, guards, desk: Desk::default() };
+        let mut search = Search { problem, candidates: &candidates, guards, measured: true, desk: Desk::default() };
         let base = base_fit(problem, &model().erm, &mut search.desk);
         let mut attempt = search.attempts(&base, None).0.into_iter().find(|a| a.name == "soc_resistance").unwrap();
         assert!(base.promise < 0.1 && attempt.fit.promise < 0.1);
