@@ -1,9 +1,9 @@
 //! The closed loop on the simulated bench: an effect is put into the world, and the workflow, which sees files alone, is to find it.
 //!
-//! `EIS_BENCH_INVESTIGATE=all` plays every case and prints how each ended; `EIS_BENCH_INVESTIGATE=104,118` plays these seeds; without it two are
-//! played. With `EIS_BENCH_KEEP` the run folders stay in that folder.
+//! `EIS_BENCH_INVESTIGATE=all` plays every case and prints how each ended; `EIS_BENCH_INVESTIGATE=104,118` plays these seeds;
+//! `EIS_BENCH_INVESTIGATE=drawn:7:25` draws kinds and strengths from a seed; without it two are played. With `EIS_BENCH_KEEP` the run folders stay in that folder.
 
-use std::{fmt::Write as _, fs};
+use std::{borrow::Cow, fmt::Write as _, fs};
 
 use analysis::diagnosis::Verdict;
 use bench_daemon::{
@@ -12,41 +12,119 @@ use bench_daemon::{
 };
 
 /// What is hidden: a seed, what is put into the scenario, and the names that say what it is; none where nothing is hidden.
+#[derive(Clone)]
 struct Hidden {
     seed: u64,
-    scenario: &'static str,
+    scenario: Cow<'static, str>,
     names: &'static [&'static str],
 }
 
-const CASES: [Hidden; 27] = [
-    Hidden { seed: 101, scenario: "", names: &[] },
-    Hidden { seed: 102, scenario: "", names: &[] },
-    Hidden { seed: 121, scenario: "", names: &[] },
-    Hidden { seed: 122, scenario: "", names: &[] },
-    Hidden { seed: 123, scenario: "", names: &[] },
-    Hidden { seed: 124, scenario: "", names: &[] },
-    Hidden { seed: 125, scenario: "", names: &[] },
-    Hidden { seed: 103, scenario: "[effects.arrhenius]\nenergy_j_per_mol = 1500\nreference_c = 25", names: &["self_heating"] },
-    Hidden { seed: 104, scenario: "[effects.slow_rc]\nr_ohm = 3e-4\ntau_s = 200", names: &["rc_slow"] },
-    Hidden { seed: 105, scenario: "[effects.slow_rc]\nr_ohm = 2e-4\ntau_s = 150", names: &["rc_slow"] },
-    Hidden { seed: 106, scenario: "[effects.diffusion]\nr_ohm = 1e-4\ntau_s = 1000", names: &["diffusion"] },
-    Hidden { seed: 107, scenario: "[effects.diffusion]\nr_ohm = 2e-4\ntau_s = 600", names: &["diffusion"] },
-    Hidden { seed: 108, scenario: "[effects.butler_volmer]\nbranch = 1\nalpha = 0.5", names: &["butler_volmer"] },
-    Hidden { seed: 109, scenario: "[effects.butler_volmer]\nbranch = 2\nalpha = 0.35", names: &["butler_volmer_asymmetric"] },
-    Hidden { seed: 110, scenario: "[effects.entropy]\nv_per_k = 1e-4\nreference_c = 25", names: &["entropic_heat"] },
-    Hidden { seed: 111, scenario: "[effects.hysteresis]\nhalf_width_v = 8e-4\nrate = 30", names: &["hysteresis"] },
-    Hidden { seed: 112, scenario: "[effects.arrhenius]\nenergy_j_per_mol = 6000\nreference_c = 25", names: &["self_heating"] },
-    Hidden { seed: 113, scenario: "[effects.soc_resistance]\nslope = -0.05\nreference_soc = 0.5", names: &["soc_resistance"] },
-    Hidden { seed: 114, scenario: "[effects.asymmetry]\nexcess = 0.01", names: &["current_asymmetry"] },
-    Hidden { seed: 115, scenario: "[effects.asymmetry]\nexcess = -0.02", names: &["current_asymmetry"] },
-    Hidden { seed: 116, scenario: "[effects.self_discharge]\ncurrent_a = 0.01", names: &["self_discharge"] },
-    Hidden { seed: 117, scenario: "[effects.ageing]\nper_hour = 0.002", names: &["ageing"] },
-    Hidden { seed: 118, scenario: "[effects.inductance]\nl_h = 5e-8", names: &["inductance"] },
-    Hidden { seed: 119, scenario: "[effects.after_controls]\njig_zero_v_per_h = 1e-3", names: &["thermal_emf"] },
-    Hidden { seed: 120, scenario: "capacity_ah = 4.45", names: &["ocv_slope"] },
-    Hidden { seed: 126, scenario: "[effects.entropy]\nv_per_k = -3e-4\nreference_c = 25", names: &["entropic_heat"] },
-    Hidden { seed: 127, scenario: "[effects.depressed_arc]\nbranch = 3\nalpha = 0.9", names: &["cpe"] },
+/// Cases whose strengths were chosen so that they show, some of them after having seen how they ended.
+const CASES: [(u64, &str, &[&str]); 27] = [
+    (101, "", &[]),
+    (102, "", &[]),
+    (121, "", &[]),
+    (122, "", &[]),
+    (123, "", &[]),
+    (124, "", &[]),
+    (125, "", &[]),
+    (103, "[effects.arrhenius]\nenergy_j_per_mol = 1500\nreference_c = 25", &["self_heating"]),
+    (104, "[effects.slow_rc]\nr_ohm = 3e-4\ntau_s = 200", &["rc_slow"]),
+    (105, "[effects.slow_rc]\nr_ohm = 2e-4\ntau_s = 150", &["rc_slow"]),
+    (106, "[effects.diffusion]\nr_ohm = 1e-4\ntau_s = 1000", &["diffusion"]),
+    (107, "[effects.diffusion]\nr_ohm = 2e-4\ntau_s = 600", &["diffusion"]),
+    (108, "[effects.butler_volmer]\nbranch = 1\nalpha = 0.5", &["butler_volmer"]),
+    (109, "[effects.butler_volmer]\nbranch = 2\nalpha = 0.35", &["butler_volmer_asymmetric"]),
+    (110, "[effects.entropy]\nv_per_k = 1e-4\nreference_c = 25", &["entropic_heat"]),
+    (111, "[effects.hysteresis]\nhalf_width_v = 8e-4\nrate = 30", &["hysteresis"]),
+    (112, "[effects.arrhenius]\nenergy_j_per_mol = 6000\nreference_c = 25", &["self_heating"]),
+    (113, "[effects.soc_resistance]\nslope = -0.05\nreference_soc = 0.5", &["soc_resistance"]),
+    (114, "[effects.asymmetry]\nexcess = 0.01", &["current_asymmetry"]),
+    (115, "[effects.asymmetry]\nexcess = -0.02", &["current_asymmetry"]),
+    (116, "[effects.self_discharge]\ncurrent_a = 0.01", &["self_discharge"]),
+    (117, "[effects.ageing]\nper_hour = 0.002", &["ageing"]),
+    (118, "[effects.inductance]\nl_h = 5e-8", &["inductance"]),
+    (119, "[effects.after_controls]\njig_zero_v_per_h = 1e-3", &["thermal_emf"]),
+    (120, "capacity_ah = 4.45", &["ocv_slope"]),
+    (126, "[effects.entropy]\nv_per_k = -3e-4\nreference_c = 25", &["entropic_heat"]),
+    (127, "[effects.depressed_arc]\nbranch = 3\nalpha = 0.9", &["cpe"]),
 ];
+
+/// What can be hidden, with the ranges of its strength and of a second number, both drawn on a logarithmic scale.
+type Kind = (&'static str, (f64, f64), (f64, f64), &'static [&'static str], fn(f64, f64) -> String);
+
+/// Ranges from what hardly shows to what nobody would overlook, set down before any drawn case was played.
+const KINDS: [Kind; 18] = [
+    ("slow_rc", (1e-4, 2e-3), (60.0, 1000.0), &["rc_slow"], |r, tau| format!("[effects.slow_rc]\nr_ohm = {r:e}\ntau_s = {tau:.0}")),
+    ("diffusion", (1e-4, 1e-3), (200.0, 3000.0), &["diffusion"], |r, tau| format!("[effects.diffusion]\nr_ohm = {r:e}\ntau_s = {tau:.0}")),
+    ("arc", (0.05, 0.25), (2.0, 4.0), &["cpe"], |off, k| format!("[effects.depressed_arc]\nbranch = {k:.0}\nalpha = {:.3}", 1.0 - off)),
+    ("bv", (1.0, 2.5), (1.0, 2.0), &["butler_volmer"], |k, _| format!("[effects.butler_volmer]\nbranch = {k:.0}\nalpha = 0.5")),
+    ("bv_asym", (0.25, 0.4), (1.0, 2.5), &["butler_volmer_asymmetric"], |a, k| {
+        format!("[effects.butler_volmer]\nbranch = {k:.0}\nalpha = {a:.3}")
+    }),
+    ("arrhenius", (2e3, 4e4), (1.0, 2.0), &["self_heating"], |e, _| {
+        format!("[effects.arrhenius]\nenergy_j_per_mol = {e:.0}\nreference_c = 25")
+    }),
+    ("entropy", (5e-5, 5e-4), (1.0, 2.0), &["entropic_heat"], |v, _| format!("[effects.entropy]\nv_per_k = {v:e}\nreference_c = 25")),
+    ("entropy_neg", (5e-5, 5e-4), (1.0, 2.0), &["entropic_heat"], |v, _| format!("[effects.entropy]\nv_per_k = -{v:e}\nreference_c = 25")),
+    ("hysteresis", (3e-4, 5e-3), (10.0, 100.0), &["hysteresis"], |v, rate| {
+        format!("[effects.hysteresis]\nhalf_width_v = {v:e}\nrate = {rate:.1}")
+    }),
+    ("soc_resistance", (0.05, 0.5), (1.0, 2.0), &["soc_resistance"], |slope, _| {
+        format!("[effects.soc_resistance]\nslope = -{slope:.3}\nreference_soc = 0.5")
+    }),
+    ("asymmetry", (5e-3, 0.05), (1.0, 2.0), &["current_asymmetry"], |excess, _| format!("[effects.asymmetry]\nexcess = {excess:e}")),
+    ("self_discharge", (5e-3, 0.05), (1.0, 2.0), &["self_discharge"], |i, _| format!("[effects.self_discharge]\ncurrent_a = {i:e}")),
+    ("ageing", (5e-4, 1e-2), (1.0, 2.0), &["ageing"], |rate, _| format!("[effects.ageing]\nper_hour = {rate:e}")),
+    ("inductance", (1e-8, 2e-7), (1.0, 2.0), &["inductance"], |l, _| format!("[effects.inductance]\nl_h = {l:e}")),
+    ("skew", (1e-6, 1e-5), (1.0, 2.0), &["time_skew"], |s, _| format!("[effects.after_controls]\nskew_s = {s:e}")),
+    ("shunt_gain", (2e-3, 2e-2), (1.0, 2.0), &["current_gain", "voltage_gain"], |gain, _| {
+        format!("[effects.after_controls]\nshunt_gain = {gain:e}")
+    }),
+    ("thermal", (3e-4, 5e-3), (1.0, 2.0), &["thermal_emf"], |v, _| format!("[effects.after_controls]\njig_zero_v_per_h = {v:e}")),
+    ("capacity", (0.005, 0.03), (1.0, 2.0), &["ocv_slope"], |part, _| format!("capacity_ah = {:.4}", 4.5 * (1.0 - part))),
+];
+
+/// So many cases drawn from a seed: kinds in a random order, again from the start when all were used; every fifth hides nothing.
+fn drawn(seed: u64, count: usize) -> Vec<Hidden> {
+    let mut state = seed;
+    let mut uniform = move || {
+        // SplitMix64.
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let mut left: Vec<usize> = Vec::new();
+    (0..count)
+        .map(|number| {
+            let seed = (uniform() * 1e6) as u64;
+            if number % 5 == 4 {
+                return Hidden { seed, scenario: "".into(), names: &[] };
+            }
+            if left.is_empty() {
+                left = (0..KINDS.len()).collect();
+            }
+            let (_, strength, second, names, scenario) = &KINDS[left.remove((uniform() * left.len() as f64) as usize)];
+            let mut between = |(least, greatest): (f64, f64)| least * (greatest / least).powf(uniform());
+            Hidden { seed, scenario: scenario(between(*strength), between(*second)).into(), names }
+        })
+        .collect()
+}
+
+/// What is to be played: `all`, a list of seeds, or `drawn:SEED:COUNT`.
+fn cases(which: &str) -> Vec<Hidden> {
+    if let Some((seed, count)) = which.strip_prefix("drawn:").and_then(|drawn| drawn.split_once(':')) {
+        return drawn(seed.parse().unwrap(), count.parse().unwrap());
+    }
+    let wanted = |seed: u64| which == "all" || which.split(',').any(|wanted| wanted == seed.to_string());
+    CASES
+        .iter()
+        .filter(|(seed, ..)| wanted(*seed))
+        .map(|&(seed, scenario, names)| Hidden { seed, scenario: scenario.into(), names })
+        .collect()
+}
 
 /// How a case ended against what was hidden.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,13 +198,11 @@ fn line(case: &Hidden, score: Score, investigation: &Investigation) -> String {
 #[test]
 fn nothing_hidden_ends_at_the_floor_and_what_is_hidden_is_found() {
     let which = std::env::var("EIS_BENCH_INVESTIGATE").unwrap_or_else(|_| "101,103".to_owned());
-    let wanted = |case: &&Hidden| which == "all" || which.split(',').any(|seed| seed == case.seed.to_string());
-    let played: Vec<(&Hidden, Score, Investigation)> = CASES
-        .iter()
-        .filter(wanted)
+    let played: Vec<(Hidden, Score, Investigation)> = cases(&which)
+        .into_iter()
         .map(|case| {
-            let (score, investigation) = play(case);
-            eprintln!("{}", line(case, score, &investigation));
+            let (score, investigation) = play(&case);
+            eprintln!("{}", line(&case, score, &investigation));
             (case, score, investigation)
         })
         .collect();
