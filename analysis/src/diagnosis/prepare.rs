@@ -127,6 +127,19 @@ impl Prepared {
         Ok(self)
     }
 
+    /// The noise of the bench's history, whatever the repeats say.
+    pub(super) fn of_history(mut self, guards: Guards) -> Result<Self, DataSetError> {
+        let problem = &mut self.problem;
+        let mut shapes = shapes(&problem.blocks, (&problem.base, &self.prior), &mut Desk::default());
+        if !guards.current_channel_noise {
+            shapes.iter_mut().for_each(Shape::forget_current_channel);
+        }
+        self.estimate.log_sigmas = self.prior.log_sigmas;
+        weigh(problem, &shapes, &self.estimate)?;
+        self.sample_noise_v = (self.estimate.variance(Term::White) + self.prior.sample_variance(&self.problem.base)).sqrt();
+        Ok(self)
+    }
+
     /// The same problem with other measurements of the same campaign, under the noise found.
     pub(super) fn with_runs(mut self, set: &DataSet) -> Result<Self, DataSetError> {
         let problem = &mut self.problem;

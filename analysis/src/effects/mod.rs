@@ -12,6 +12,7 @@ mod catalogue;
 mod channel_bandwidth;
 mod charge_transfer;
 mod clock_error;
+mod common_gain;
 mod contact_resistance;
 mod cpe;
 mod current_asymmetry;

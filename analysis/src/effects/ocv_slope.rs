@@ -14,7 +14,7 @@ static CARD: Card = Card {
     impedance: "Z += q·(dU/dz)/(jω·3600Q)",
     source: "Plett, Battery Management Systems I, chapter 2: charge counted over capacity",
     signature: "an error proportional to the charge moved, which stays at rest",
-    confounders: &["hysteresis", "current_offset", "diffusion", "warburg", "ocv_curvature"],
+    confounders: &["common_gain", "hysteresis", "current_offset", "diffusion", "warburg", "ocv_curvature"],
     contains: &[],
     experiment: "the same charge moved in both directions; a reference capacity",
 };

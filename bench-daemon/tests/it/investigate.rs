@@ -78,9 +78,7 @@ const KINDS: [Kind; 18] = [
     ("ageing", (5e-4, 1e-2), (1.0, 2.0), &["ageing"], |rate, _| format!("[effects.ageing]\nper_hour = {rate:e}")),
     ("inductance", (1e-8, 2e-7), (1.0, 2.0), &["inductance"], |l, _| format!("[effects.inductance]\nl_h = {l:e}")),
     ("skew", (1e-6, 1e-5), (1.0, 2.0), &["time_skew"], |s, _| format!("[effects.after_controls]\nskew_s = {s:e}")),
-    ("shunt_gain", (2e-3, 2e-2), (1.0, 2.0), &["current_gain", "voltage_gain"], |gain, _| {
-        format!("[effects.after_controls]\nshunt_gain = {gain:e}")
-    }),
+    ("shunt_gain", (2e-3, 2e-2), (1.0, 2.0), &["common_gain"], |gain, _| format!("[effects.after_controls]\nshunt_gain = {gain:e}")),
     ("thermal", (3e-4, 5e-3), (1.0, 2.0), &["thermal_emf"], |v, _| format!("[effects.after_controls]\njig_zero_v_per_h = {v:e}")),
     ("capacity", (0.005, 0.03), (1.0, 2.0), &["ocv_slope"], |part, _| format!("capacity_ah = {:.4}", 4.5 * (1.0 - part))),
 ];

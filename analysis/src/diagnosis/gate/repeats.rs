@@ -7,8 +7,12 @@ use super::{Check, Findings, Inspection, Reason, Subject, median};
 const WHOLE: f64 = 0.9;
 /// Current that counts as flowing, as a share of the repeat's largest.
 const FLOWS: f64 = 0.05;
-/// Standard deviations of the history beyond which a repeat is none. Ageing over a campaign stays well below.
+/// Standard deviations of the history beyond which a repeat is none.
 const FAR_OFF: f64 = 20.0;
+/// … unless the first and the last of the group lie on opposite sides of the others in the same way, to this correlation: a cell that changes does that, a
+/// run that was swapped or damaged does not. Beyond this many standard deviations it does not either.
+const DRIFTS: f64 = -0.7;
+const FAR_DRIFT: f64 = 400.0;
 /// A step of time is odd where it differs by this share and this many seconds, and a jump of the clock where no more than so many do.
 const ODD_STEP: f64 = 0.1;
 const ODD_STEP_S: f64 = 5e-3;
@@ -89,10 +93,12 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
     groups.dedup();
     for group in groups {
         let members: Vec<&Subject<'_>> = at.runs.iter().filter(|subject| subject.run.repeat_group == group).collect();
-        let off = members.iter().map(|subject| (*subject, off_by(subject, &members, &history))).collect::<Vec<_>>();
-        let far: Vec<String> = off.iter().filter(|(_, z)| *z > FAR_OFF).map(|(subject, _)| subject.run.name.clone()).collect();
-        if !far.is_empty() {
-            let z = off.iter().map(|(_, z)| *z).fold(0.0, f64::max);
+        let off: Vec<(&Subject<'_>, Vec<Apart>)> = members.iter().map(|subject| (*subject, apart(subject, &members, &history))).collect();
+        let size: Vec<f64> = off.iter().map(|(_, apart)| trimmed_root(apart.iter().map(|(re, im)| re * re + im * im).collect())).collect();
+        let z = size.iter().copied().fold(0.0, f64::max);
+        let far: Vec<String> =
+            off.iter().zip(&size).filter(|(_, z)| **z > FAR_OFF).map(|((subject, _), _)| subject.run.name.clone()).collect();
+        if !far.is_empty() && !(z < FAR_DRIFT && drifts(off)) {
             let text = format!("it differs from its repeats by {z:.0} standard deviations of the bench's history");
             found.invalid.push(Reason { check: Check::Repeats, runs: far, text });
         }
@@ -100,14 +106,25 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
     found
 }
 
+/// A difference in standard deviations: real and imaginary part, or a voltage and nothing.
+type Apart = (f64, f64);
+
+/// Whether a group of three or more goes from one side of its middle to the other in the order of time.
+fn drifts(mut off: Vec<(&Subject<'_>, Vec<Apart>)>) -> bool {
+    off.sort_by_key(|(subject, _)| subject.run.order);
+    let (Some((_, first)), Some((_, last))) = (off.first(), off.last()) else { return false };
+    let dot = |a: &[Apart], b: &[Apart]| a.iter().zip(b).map(|(a, b)| a.0 * b.0 + a.1 * b.1).sum::<f64>();
+    off.len() >= 3 && dot(first, last) < DRIFTS * (dot(first, first) * dot(last, last)).sqrt()
+}
+
 /// How far a run is from the median of its group (of two: from their mean), in standard deviations of the history.
-fn off_by(subject: &Subject<'_>, members: &[&Subject<'_>], history: &BenchHistory) -> f64 {
+fn apart(subject: &Subject<'_>, members: &[&Subject<'_>], history: &BenchHistory) -> Vec<Apart> {
     if let Some((own, expected_v)) = subject.record() {
         let like: Vec<(&TimeRecord, &[f64])> = members.iter().filter_map(|m| m.record()).filter(|(r, _)| same_times(r, own)).collect();
         if like.len() < 2 {
-            return 0.0;
+            return Vec::new();
         }
-        let squares = (0..expected_v.len()).map(|k| {
+        let apart = (0..expected_v.len()).map(|k| {
             // Repeats begin where the run before has left the cell: what the model lacks is the same in all, what it expects is not.
             let left_v = |(record, expected_v): &(&TimeRecord, &[f64])| record.series.voltage_v[k] - expected_v[k];
             let middle_v = median(like.iter().map(left_v).collect());
@@ -116,24 +133,24 @@ fn off_by(subject: &Subject<'_>, members: &[&Subject<'_>], history: &BenchHistor
             let code = history.voltage_resolution_v.powi(2) / 12.0;
             let stated = own.sigma_v.as_ref().map_or(0.0, |sigma_v| sigma_v[k].powi(2));
             let size = (history.resistance_rel.powi(2) + history.current_gain_rel.powi(2)) * drop_v * drop_v;
-            (left_v(&(own, expected_v)) - middle_v).powi(2) / (level + code + stated + size)
+            ((left_v(&(own, expected_v)) - middle_v) / (level + code + stated + size).sqrt(), 0.0)
         });
-        return trimmed_root(squares.collect());
+        return apart.collect();
     }
-    let Some((own, _)) = subject.sweep() else { return 0.0 };
+    let Some((own, _)) = subject.sweep() else { return Vec::new() };
     let same = |s: &&super::super::data::Sweep| s.points.iter().map(|p| p.freq_hz).eq(own.points.iter().map(|p| p.freq_hz));
     let like: Vec<_> = members.iter().filter_map(|m| m.sweep()).map(|(s, _)| s).filter(same).collect();
     if like.len() < 2 {
-        return 0.0;
+        return Vec::new();
     }
-    let squares = (0..own.points.len()).map(|k| {
+    let apart = (0..own.points.len()).map(|k| {
         let middle = |part: fn(&num_complex::Complex64) -> f64| median(like.iter().map(|s| part(&s.points[k].z_ohm)).collect());
         let (re, im) = (middle(|z| z.re), middle(|z| z.im));
         let z = own.points[k].z_ohm;
         let sigma = history.eis_noise_rel.hypot(history.resistance_rel) * re.hypot(im);
-        ((z.re - re).powi(2) + (z.im - im).powi(2)) / (sigma * sigma)
+        ((z.re - re) / sigma, (z.im - im) / sigma)
     });
-    trimmed_root(squares.collect())
+    apart.collect()
 }
 
 fn same_times(a: &TimeRecord, b: &TimeRecord) -> bool {
