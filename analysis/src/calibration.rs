@@ -253,6 +253,14 @@ impl Correction {
         ImpedancePoint { freq_hz: phasors.freq_hz, z_ohm: impedance.value, covariance, amplitude_a: current.value.norm() }
     }
 
+    /// As [`Self::apply`], of records with the voltage probes on the current shunt: the leads lie otherwise there than at the jig, and nothing is beside it.
+    pub fn apply_at_shunt(&self, phasors: &ChannelPhasors) -> ImpedancePoint {
+        let harness = Harness::new(&self.values, phasors);
+        let (current, impedance) = (harness.current(), harness.impedance_at_shunt());
+        let covariance = impedance.noise(&phasors.totals()) + impedance.carried(&self.covariance);
+        ImpedancePoint { freq_hz: phasors.freq_hz, z_ohm: impedance.value, covariance, amplitude_a: current.value.norm() }
+    }
+
     /// Direct current through the shunt, A, and direct voltage across the jig, V, from the four channels, V, less what they show where nothing flows:
     /// offsets are not the harness's. A gain that all channels share is in both and not seen.
     pub fn direct(&self, volts: [f64; 4]) -> (f64, f64) {

@@ -5,11 +5,12 @@ use std::path::Path;
 
 use instruments::clock::Clock;
 
+use crate::terminal::remark;
 use crate::{
     command::Failure,
     config::{self, Experiment},
     executor::ExecuteError,
-    guardian::{Charge, GuardianError, Keeper},
+    guardian::{self, Charge, GuardianError, Keeper},
     progress::Doing,
     state::{Latched, Lock, State, StateError},
 };
@@ -48,8 +49,17 @@ impl Custody {
         let run = std::path::absolute(run)?;
         let lock = state.lock(&run)?;
         state.refuse_latched()?;
+        if let Some(before) = state.unsettled() {
+            let text = format!(
+                "the guardian of {before} ended without having switched the bench off: outputs may have been on until now; look at the cell"
+            );
+            remark!("{text}");
+            tracing::warn!("{text}");
+        }
         let limits = &experiment.cell.limits;
-        let charge = Charge { bench: &experiment.bench, run: &run, window_v: (limits.min_v, limits.max_v) };
+        let source = experiment.sources.iter().find(|source| source.path() == experiment.bench.path);
+        let sha256 = source.map_or_else(String::new, |source| guardian::fingerprint(source.text()));
+        let charge = Charge { bench: &experiment.bench, run: &run, window_v: (limits.min_v, limits.max_v), sha256 };
         let keeper = Keeper::start(&charge, &state, (clock, doing)).await?;
         // The guardian of an earlier run may have found something meanwhile.
         if let Err(latched) = state.refuse_latched() {
@@ -90,7 +100,7 @@ impl Custody {
 fn cause(failure: &Failure) -> Option<Latched> {
     match failure {
         Failure::Execute(ExecuteError::Trip(trip)) => Some(Latched::of_trip("daemon", trip)),
-        Failure::Unsafe { .. } => Some(Latched::new("daemon", &failure.to_string())),
+        Failure::Unsafe { .. } | Failure::Execute(ExecuteError::CellLeftIn { .. }) => Some(Latched::new("daemon", &failure.to_string())),
         _ => None,
     }
 }

@@ -2,6 +2,7 @@
 //! whatever the outcome.
 
 mod beside;
+mod crest;
 mod dc;
 mod entrance;
 mod error;
@@ -88,6 +89,8 @@ pub struct Executor<'a> {
     zero: Option<trace::Zero>,
     /// Charge that traces have left in the cell, C.
     charge_c: f64,
+    /// Bench time of the last reading of the bipolar supply, s.
+    watched_s: f64,
     /// The cell's temperature when it was read last, °C.
     last_c: Option<f64>,
     /// The logger scans nothing before it was told what.
@@ -136,6 +139,7 @@ impl<'a> Executor<'a> {
             memory_points: None,
             zero: None,
             charge_c: 0.0,
+            watched_s: f64::NEG_INFINITY,
             last_c: None,
             logger_ready: false,
             legs: leg::Legs::default(),
@@ -243,8 +247,9 @@ impl<'a> Executor<'a> {
             jig.insert(specimen.number).await.map_err(error)?;
         }
         if self.specimen.replace(specimen.clone()).as_ref() != Some(specimen) {
-            // What traces have left is in the other cell.
+            // What traces have left is in the other cell, and so is the temperature that was seen.
             self.charge_c = 0.0;
+            self.interlock.forget();
         }
         Ok(())
     }
@@ -275,6 +280,10 @@ impl<'a> Executor<'a> {
             }
             // Without a jig only the cell is ever asked for: it is what is in there.
             _ => {}
+        }
+        if self.mounted != Some((fixture, self.specimen.clone())) {
+            // What was seen of another one says nothing of this.
+            self.interlock.forget();
         }
         self.mounted = Some((fixture, self.specimen.clone()));
         if fixture == Fixture::Short {

@@ -21,6 +21,7 @@ use nix::{
     unistd::{Pid, getppid},
 };
 use serde::Serialize;
+use sha2::{Digest, Sha256};
 use tokio::sync::mpsc::UnboundedReceiver;
 
 pub use keeper::{GuardianError, Keeper};
@@ -47,6 +48,8 @@ const REPORT: &str = "guardian.json";
 const DRIVES: [&str; 4] = ["supply4q", "generator", "load", "supply"];
 /// Pauses between two attempts, s: each twice the one before, up to the last.
 const BACKOFF_S: (f64, f64) = (1.0, 10.0);
+/// So often it tries where even its folder has been taken away.
+const PATIENCE: u32 = 30;
 /// A killed process is gone after this time, or the system hangs.
 const DEATH: Duration = Duration::from_secs(5);
 
@@ -58,6 +61,13 @@ pub struct Charge<'a> {
     pub run: &'a Path,
     /// Least and greatest voltage of the cell, V.
     pub window_v: (f64, f64),
+    /// SHA-256 of the bench file as the daemon has read it: both must mean the same instruments.
+    pub sha256: String,
+}
+
+/// SHA-256 of a bench file's text.
+pub fn fingerprint(text: &str) -> String {
+    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The guardian's report, in the state folder.
@@ -197,7 +207,8 @@ impl<'a> Watch<'a> {
     async fn switch_off(mut self) -> Result<(), GuardianError> {
         let start_s = self.clock.now_s();
         let mut pause_s = BACKOFF_S.0;
-        self.tell("switching off")?;
+        // A report that cannot be written, on a full disk perhaps, must not keep it from switching off.
+        self.note("switching off");
         loop {
             self.report.attempts += 1;
             let mut bench = Bench::unconnected(self.charge.bench, &self.connections)?;
@@ -208,7 +219,7 @@ impl<'a> Watch<'a> {
             }
             drop(bench);
             self.failed(&failures);
-            if !self.state.exists() {
+            if !self.state.exists() && self.report.attempts >= PATIENCE {
                 tracing::error!("the state folder was taken away: giving up");
                 return Err(GuardianError::GaveUp);
             }
@@ -224,7 +235,12 @@ impl<'a> Watch<'a> {
         if self.report.attempts == 1 {
             self.latch(Latched::new("guardian", &format!("{}, and the guardian could not verify safe state: {listed}", self.cause())));
         }
-        if let Err(error) = self.tell("switching off") {
+        self.note("switching off");
+    }
+
+    /// Reports as well as it can.
+    fn note(&mut self, status: &'static str) {
+        if let Err(error) = self.tell(status) {
             tracing::error!("{error}");
         }
     }
@@ -246,7 +262,7 @@ impl<'a> Watch<'a> {
             let trip = Trip::Limit { what, value, unit: "V", least, greatest, time_s: self.clock.now_s() };
             self.latch(Latched::of_trip("guardian", &trip));
         }
-        self.tell("verified")?;
+        self.note("verified");
         Ok(self.state.remember(&serde_json::json!({ "what": "switched off by the guardian", "report": self.report }))?)
     }
 

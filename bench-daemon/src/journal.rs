@@ -221,6 +221,11 @@ impl Journal {
         let path = folder.join(JOURNAL);
         let made = OpenOptions::new().write(true).create_new(true).open(&path);
         let file = made.map_err(|source| JournalError::Io { path: path.clone(), what: "cannot be made", source })?;
+        file.try_lock().map_err(|error| JournalError::Io {
+            path: path.clone(),
+            what: "is in use by another process",
+            source: error.into(),
+        })?;
         let named = File::open(folder).and_then(|folder| folder.sync_all());
         named.map_err(|source| JournalError::Io { path: folder.to_owned(), what: "cannot be synced", source })?;
         Ok(Self::on(path, durable(file, clock), clock, 1))
@@ -236,12 +241,14 @@ impl Journal {
             let path = path.clone();
             move |source| JournalError::Io { path: path.clone(), what, source }
         };
+        // Before anything is written: of two that go on with one run, one must know.
+        let file = OpenOptions::new().append(true).open(&path).map_err(io("cannot be opened"))?;
+        file.try_lock().map_err(|error| io("is in use by another process")(error.into()))?;
         if !read.torn.is_empty() {
             let mut aside =
                 OpenOptions::new().append(true).create(true).open(folder.join(TORN)).map_err(io("cannot put a torn line aside"))?;
             aside.write_all(&read.torn).and_then(|()| aside.sync_all()).map_err(io("cannot put a torn line aside"))?;
         }
-        let file = OpenOptions::new().append(true).open(&path).map_err(io("cannot be opened"))?;
         file.set_len(read.whole_bytes).and_then(|()| file.sync_all()).map_err(io("cannot be cut after its last whole line"))?;
         let next = read.lines.last().map_or(1, |line| line.number + 1);
         Ok(Self::on(path.clone(), durable(file, clock), clock, next))

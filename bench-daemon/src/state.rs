@@ -268,11 +268,9 @@ impl State {
     /// # Errors
     /// A file that cannot be written.
     pub fn latch(&self, trip: &Latched) -> Result<(), StateError> {
-        self.remember(&serde_json::json!({ "what": "latched", "trip": trip }))?;
-        if self.latched()?.is_some() {
-            return Ok(());
-        }
-        self.json(TRIP, trip)
+        // The latch counts, the history comes after it: where one of two cannot be written, it is not to be this one.
+        let latched = if self.latched()?.is_some() { Ok(()) } else { self.json(TRIP, trip) };
+        latched.and(self.remember(&serde_json::json!({ "what": "latched", "trip": trip })))
     }
 
     /// Clears the latch and remembers who did.
@@ -295,6 +293,14 @@ impl State {
         let mut text = serde_json::to_string_pretty(value).map_err(|error| io(&path, "cannot be put into JSON")(error.into()))?;
         text.push('\n');
         write_atomically(&path, text.as_bytes()).map_err(|error| io(&path, "cannot be written")(std::io::Error::other(error)))
+    }
+
+    /// The run whose guardian neither was dismissed nor verified that the bench is off; none where the report says otherwise or cannot be read.
+    pub fn unsettled(&self) -> Option<String> {
+        let text = fs::read_to_string(self.path("guardian.json")).ok()?;
+        let report: serde_json::Value = serde_json::from_str(&text).ok()?;
+        let open = report["status"] == "watching" || report["status"] == "switching off";
+        open.then(|| report["run"].as_str().unwrap_or_default().to_owned())
     }
 
     /// Adds a line to the history.
@@ -380,6 +386,16 @@ mod tests {
         let whats: Vec<_> = history.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["what"].clone()).collect();
         assert_eq!(whats, ["latched", "latched", "cleared"]);
         assert!(history.contains(&format!("\"who\":\"{}\"", who())), "{history}");
+    }
+
+    #[test]
+    fn a_history_that_cannot_be_written_loses_no_latch() {
+        let folder = tempfile::tempdir().unwrap();
+        let state = state(folder.path());
+        fs::create_dir(state.path(HISTORY)).unwrap();
+        let cause = Latched::new("daemon", "too warm");
+        assert!(state.latch(&cause).is_err());
+        assert_eq!(state.latched().unwrap(), Some(cause));
     }
 
     #[test]

@@ -37,11 +37,13 @@ pub struct Wishes {
 impl Wishes {
     /// What is wanted of the run in a folder. A file that cannot be read says nothing: it must not stop a run.
     pub fn read(folder: &Path) -> Self {
-        let Ok(text) = std::fs::read_to_string(folder.join(FILE)) else { return Self::default() };
-        serde_json::from_str(&text).unwrap_or_else(|error| {
-            tracing::warn!("{FILE}: {error}: not heeded");
-            Self::default()
-        })
+        Self::said(folder).unwrap_or_default()
+    }
+
+    /// What is said; nothing where no file is there or none that can be read. Who waits on request goes on waiting then: somebody may be at the jig.
+    pub fn said(folder: &Path) -> Option<Self> {
+        let text = std::fs::read_to_string(folder.join(FILE)).ok()?;
+        serde_json::from_str(&text).inspect_err(|error| tracing::warn!("{FILE}: {error}: not heeded")).ok()
     }
 
     /// Says what is wanted.

@@ -158,6 +158,13 @@ impl<'a> Harness<'a> {
         u / (i - self.stray() * u)
     }
 
+    /// Impedance between the voltage probes when they are on the shunt, Ω.
+    pub(super) fn impedance_at_shunt(&self) -> Slope {
+        let [.., v3, v4] = self.tips;
+        let i = self.current();
+        (v4 - v3 - self.reactance(MUTUAL_SHUNT) * i) / i
+    }
+
     /// What ought to be zero with the voltage probes on the shunt, V.
     pub(super) fn shunt_residuals(&self) -> [Slope; 2] {
         let [v1, v2, v3, v4] = self.tips;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use instruments::clock::Clock;
 
+use crate::terminal::say;
 use crate::{
     command::{Failure, run::StopSignals},
     config::load_bench,
@@ -25,6 +26,9 @@ pub struct GuardianArgs {
     /// Greatest voltage of the cell, V.
     #[arg(long)]
     pub greatest_v: f64,
+    /// SHA-256 of the bench file as the daemon has read it.
+    #[arg(long)]
+    pub sha256: String,
 }
 
 /// Watches the process that started it and switches the bench off when that ends without a goodbye.
@@ -32,11 +36,19 @@ pub struct GuardianArgs {
 /// # Errors
 /// Whatever keeps it from watching or from verifying safe state.
 pub fn guardian(args: &GuardianArgs) -> Result<(), Failure> {
-    let (bench, _) = load_bench(&args.bench)?;
+    let (bench, source) = load_bench(&args.bench)?;
+    let found = guardian::fingerprint(source.text());
+    if found != args.sha256 {
+        say!(
+            "refused {}: expected the bench file that the run began with, found another text: put it back (the run folder has a copy in config/)",
+            args.bench.display()
+        );
+        return Err(Failure::Usage("the bench file has changed".to_owned()));
+    }
     Ok(Clock::runtime(bench.time())?.block_on(async {
         // The end of the terminal and a request to stop are for the daemon; the guardian ends after it.
         let _deaf = StopSignals::install().map_err(guardian::GuardianError::Start)?;
-        let charge = Charge { bench: &bench, run: &args.run, window_v: (args.least_v, args.greatest_v) };
+        let charge = Charge { bench: &bench, run: &args.run, window_v: (args.least_v, args.greatest_v), sha256: found };
         guardian::watch(&charge, &Clock::start(bench.time())).await
     })?)
 }

@@ -34,7 +34,8 @@ const REWRITTEN: [&str; 1] = ["json"];
 /// # Errors
 /// A folder from which it cannot go on; later as `run`.
 pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
-    let folder = &args.folder;
+    // Without the slash that a terminal appends.
+    let folder = &args.folder.components().collect::<PathBuf>();
     let (experiment, past) = Past::read(folder, args.accept_charge)?;
     // A run that is still going on must find its folder, and what is wanted of it, as they are.
     custody::refuse(&experiment.bench)?;
@@ -60,9 +61,12 @@ fn replay(experiment: &Experiment, folder: &Path) -> Result<String, Failure> {
     let mut scratch = folder.as_os_str().to_owned();
     scratch.push(".again");
     let scratch = PathBuf::from(scratch);
-    // What an earlier attempt left there is worth nothing.
-    if scratch.exists() {
+    // What an earlier attempt left there is worth nothing; what somebody else has put there is not ours.
+    if scratch.join(JOURNAL).exists() {
         fs::remove_dir_all(&scratch)?;
+    } else if scratch.exists() {
+        let text = format!("{}: expected nothing, or what an earlier attempt to resume left, found something else", scratch.display());
+        return Err(Failure::Usage(text));
     }
     let finished = run_experiment(experiment, &scratch)?;
     compare(folder, &scratch, Path::new(""))?;

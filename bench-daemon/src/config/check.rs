@@ -17,6 +17,8 @@ use super::{Acceptance, Bench, Cell, ConfigError, Eis, Fit, FixtureCheck, SocRes
 
 /// How far the end of a charge lies below the limit of the supply at least, V.
 const CHARGE_MARGIN_V: f64 = 0.02;
+/// Greatest part of the capacity that half a period of a sine may move.
+const MOST_SWING: f64 = 0.02;
 /// How far below the end of a discharge the load stops by itself, V.
 pub(crate) const LOAD_CUT_OFF_V: f64 = 0.05;
 /// A frame on the simulated bench ends within this many periods before it is fetched.
@@ -192,6 +194,9 @@ impl Check<'_> {
         let full_scale = supply4q_capabilities.map_or(0.0, |capabilities| capabilities.full_scale.value());
         let greatest_a = full_scale.min(self.cell.limits.charge_a).min(self.cell.limits.discharge_a);
         let amplitude_a = self.within("eis.amplitude", raw.amplitude.si, (0.01, greatest_a), "A")?;
+        if raw.fixture != raw::SweptFixture::Shunt {
+            self.half_period("eis.start", (freqs_hz.first().copied().unwrap_or(1.0), amplitude_a))?;
+        }
         let eis = Eis {
             fixture: if raw.fixture == raw::SweptFixture::Shunt { Fixture::Shunt } else { Fixture::Cell },
             repeat: raw.repeat,
@@ -215,6 +220,19 @@ impl Check<'_> {
         self.within("eis.record_points", raw.record_points as f64, (least_points, raw.memory_points as f64), "points")?;
         self.check_grid(&eis)?;
         Ok(eis)
+    }
+
+    /// Half a period of the slowest sine must not move the state of charge by much: amplitude/(π·f) against the capacity.
+    fn half_period(&self, field: &str, (freq_hz, amplitude_a): (f64, f64)) -> Result<(), ConfigError> {
+        let (moved_c, most_c) = (amplitude_a / (std::f64::consts::PI * freq_hz), MOST_SWING * self.cell.capacity_c);
+        if moved_c <= most_c {
+            return Ok(());
+        }
+        let reason = format!(
+            "expected half a period to move at most {most_c:.0} C ({} % of the capacity), found {moved_c:.0} C",
+            100.0 * MOST_SWING
+        );
+        Err(self.complain(field, reason))
     }
 
     /// The amplitudes of a round, A; the channels' ranges hold the largest.

@@ -137,6 +137,12 @@ fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
     if !(0.1..=10.0).contains(&wiring.command_trim) {
         return Err(source.complain("wiring.command_trim", format!("expected a factor from 0.1 to 10, found {}", wiring.command_trim)));
     }
+    // What it makes flow into the cell when the output goes on, before anything is read.
+    if !(-MOST_OFFSET_V..=MOST_OFFSET_V).contains(&wiring.command_offset.si) {
+        let reason =
+            format!("expected {} V to {MOST_OFFSET_V} V, the zero error of a supply, found {} V", -MOST_OFFSET_V, wiring.command_offset.si);
+        return Err(source.complain("wiring.command_offset", reason));
+    }
     if !(1..=2).contains(&wiring.generator_channel) {
         return Err(source.complain("wiring.generator_channel", format!("expected 1 or 2, found {}", wiring.generator_channel)));
     }
@@ -232,6 +238,9 @@ fn check_one_world(source: &Source, instruments: &Instruments) -> Result<(), Con
         }
     }
 }
+
+/// Greatest offset of the command, V: with the usual 2 A per volt it is an ampere.
+const MOST_OFFSET_V: f64 = 0.5;
 
 fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Instruments) -> Result<Simulation, ConfigError> {
     let in_process = instruments.addressed().iter().all(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));

@@ -20,7 +20,7 @@ impl Executor<'_> {
         if self.clock.mode() == TimeMode::Virtual || (step > 0 && !within) {
             return Ok(());
         }
-        if !self.paused()? {
+        if !self.paused(false)? {
             return Ok(());
         }
         self.wait_without_current(fixture).await?;
@@ -40,7 +40,7 @@ impl Executor<'_> {
         self.recorder.event("paused on request: every output is off")?;
         let nothing = self.allowance(fixture, &Step::Pause { span_s: 0.0 });
         self.interlock.begin(nothing, self.clock.machine_s());
-        while self.paused()? {
+        while self.paused(true)? {
             self.clock.sleep_s(PAUSE_POLL_S).await;
             if self.bench.supply4q.is_some() {
                 self.watch("paused", fixture).await?;
@@ -50,11 +50,13 @@ impl Executor<'_> {
         Ok(self.recorder.event("goes on on request")?)
     }
 
-    fn paused(&self) -> Result<bool, ExecuteError> {
-        match Wishes::read(self.recorder.folder()).course {
-            Course::GoOn => Ok(false),
-            Course::Pause => Ok(true),
-            Course::Abort => Err(ExecuteError::Aborted),
+    /// Whether to wait; `waits` is what holds where nothing can be read.
+    fn paused(&self, waits: bool) -> Result<bool, ExecuteError> {
+        match Wishes::said(self.recorder.folder()).map(|wishes| wishes.course) {
+            None => Ok(waits),
+            Some(Course::GoOn) => Ok(false),
+            Some(Course::Pause) => Ok(true),
+            Some(Course::Abort) => Err(ExecuteError::Aborted),
         }
     }
 }

@@ -28,6 +28,7 @@ const CURRENT_TOLERANCE: f64 = 0.2;
 impl Executor<'_> {
     /// Drives and records one band; a point per line, and what each line says of noise and distortion.
     pub(super) async fn multisine(&mut self, band: &Band) -> Result<Vec<SweepPoint>, ExecuteError> {
+        self.headroom(Fixture::Cell, (band.base_hz, band.peak_a))?;
         self.play_wave(band).await?;
         let scope = require(&mut self.bench.scope, "scope")?.capabilities();
         if self.verticals[0].is_none() {
@@ -37,6 +38,7 @@ impl Executor<'_> {
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
             let waveforms = self.roll(band, attempt).await?;
+            self.crest(Fixture::Cell, &waveforms)?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
             if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {

@@ -86,6 +86,7 @@ impl Executor<'_> {
         let Some(eis) = &self.experiment.eis else {
             return Err(ExecuteError::Signal { freq_hz, reason: "no section [eis]".to_owned() });
         };
+        self.headroom(fixture, (freq_hz, amplitude_a))?;
         self.drive(freq_hz, amplitude_a).await?;
         let scope = require(&mut self.bench.scope, "scope")?.capabilities();
         if self.verticals[0].is_none() {
@@ -107,6 +108,7 @@ impl Executor<'_> {
                 start_s: self.clock.now_s(),
             };
             self.recorder.capture(&file, &waveforms)?;
+            self.crest(fixture, &waveforms)?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
             if ranged.is_empty() || (attempt == MAX_RANGING && (!clipped || eis.quality.is_some())) {

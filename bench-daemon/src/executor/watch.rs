@@ -82,6 +82,7 @@ impl Executor<'_> {
     /// One reading of the bipolar supply, judged.
     pub(super) async fn watch(&mut self, phase: &str, fixture: Fixture) -> Result<Reading, ExecuteError> {
         let mut reading = self.read_supply4q().await?;
+        self.watched_s = self.clock.now_s();
         self.recorder.reading(phase, &reading)?;
         if fixture != Fixture::Cell {
             // The cell lies beside the jig, perhaps without its thermocouple.

@@ -171,6 +171,8 @@ fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
         .arg(charge.run)
         .arg(format!("--least-v={least_v}"))
         .arg(format!("--greatest-v={greatest_v}"))
+        .arg("--sha256")
+        .arg(&charge.sha256)
         .process_group(0)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

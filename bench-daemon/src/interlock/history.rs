@@ -124,6 +124,12 @@ impl Interlock {
         self.allowance = allowance;
     }
 
+    /// Something else is in the jig: what was seen before says nothing of it.
+    pub fn forget(&mut self) {
+        self.temperatures.clear();
+        (self.voltage, self.temperature) = (Last::default(), Last::default());
+    }
+
     /// Limits of each reading of the step in work.
     pub fn limits(&self) -> &Limits {
         &self.allowance.limits

@@ -120,3 +120,16 @@ fn a_full_disk_is_an_error_before_anything_is_begun() {
         assert!(message.starts_with("/dev/full: cannot be written: No space left on device"), "{message}");
     });
 }
+
+#[test]
+fn of_two_that_go_on_with_one_run_the_second_is_refused() {
+    let folder = written();
+    let read = read(folder.path()).unwrap();
+    in_virtual_time(|clock| {
+        let first = Journal::reopen(folder.path(), &clock, &read).unwrap();
+        let refused = Journal::reopen(folder.path(), &clock, &read).err().unwrap().to_string();
+        assert!(refused.contains("is in use by another process"), "{refused}");
+        drop(first);
+        assert!(Journal::reopen(folder.path(), &clock, &read).is_ok());
+    });
+}

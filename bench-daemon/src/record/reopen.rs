@@ -46,7 +46,7 @@ impl Recorder {
             fresh: Vec::new(),
             events: append(&folder.join("events.csv"))?,
             readings: append(&folder.join("readings.csv"))?,
-            series: readings(&folder.join("readings.csv"))?,
+            series: readings(&folder.join("readings.csv")),
             folder: folder.to_owned(),
             clock,
             index,
@@ -140,24 +140,27 @@ fn cut_torn_line(path: &Path) -> Result<u64, RecordError> {
 }
 
 fn append(path: &Path) -> Result<BufWriter<File>, RecordError> {
-    File::options().append(true).open(path).map(BufWriter::new).map_err(io(path, "cannot be opened"))
+    File::options().append(true).create(true).open(path).map(BufWriter::new).map_err(io(path, "cannot be opened"))
 }
 
-/// The readings so far, with the digits of the table.
-fn readings(path: &Path) -> Result<Vec<SeriesRow>, RecordError> {
-    let text = fs::read_to_string(path).map_err(io(path, "cannot be read"))?;
-    let mut rows = Vec::new();
-    for line in text.lines().skip(1) {
-        let cells: Vec<&str> = line.split(',').collect();
-        let [time, _, volts, amps, celsius] = cells.as_slice() else { return Err(differs(path, "rows of five cells", &line)) };
-        let number = |cell: &str| if cell.is_empty() { Ok(f64::NAN) } else { cell.parse::<f64>() };
-        let row = |[time_s, voltage_v, current_a, temperature_c]: [f64; 4]| SeriesRow { time_s, voltage_v, current_a, temperature_c };
-        let cells = [number(time), number(volts), number(amps), number(celsius)];
-        let cells: Result<Vec<f64>, _> = cells.into_iter().collect();
-        let numbers = cells.ok().and_then(|cells| <[f64; 4]>::try_from(cells).ok());
-        rows.push(row(numbers.ok_or_else(|| differs(path, "numbers", &line))?));
+/// The readings so far, with the digits of the table. No finished point depends on them: rows that are none are left out, and said.
+fn readings(path: &Path) -> Vec<SeriesRow> {
+    let bytes = fs::read(path).unwrap_or_default();
+    let text = String::from_utf8_lossy(&bytes);
+    let rows = text.lines().skip(1).map(reading);
+    let lost = rows.clone().filter(Option::is_none).count();
+    if lost > 0 {
+        tracing::warn!("{}: {lost} rows cannot be read and are left out of the readings", path.display());
     }
-    Ok(rows)
+    rows.flatten().collect()
+}
+
+fn reading(line: &str) -> Option<SeriesRow> {
+    let cells: Vec<&str> = line.split(',').collect();
+    let [time, _, volts, amps, celsius] = cells.as_slice() else { return None };
+    let number = |cell: &str| if cell.is_empty() { Some(f64::NAN) } else { cell.parse::<f64>().ok() };
+    let (time_s, voltage_v, current_a, temperature_c) = (number(time)?, number(volts)?, number(amps)?, number(celsius)?);
+    Some(SeriesRow { time_s, voltage_v, current_a, temperature_c })
 }
 
 #[cfg(test)]

@@ -271,3 +271,37 @@ fn carry(mut from: TcpStream, mut to: TcpStream, cut: &AtomicBool) {
     let _ = to.shutdown(Shutdown::Both);
     let _ = from.shutdown(Shutdown::Both);
 }
+
+#[test]
+fn a_guardian_that_can_write_nothing_switches_off_all_the_same() {
+    let files = Files::short(6);
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let run = files.path("killed");
+    let mut child = start(&files, &run, &[]);
+    wait_for_points(&mut child, &run, ("raw_shunt.csv", 1));
+    report(&files, "watching");
+    // No report can take the place of a folder: as on a full disk.
+    fs::remove_file(state(&files, "guardian.json")).unwrap();
+    fs::create_dir(state(&files, "guardian.json")).unwrap();
+    child.0.kill().unwrap();
+    child.0.wait().unwrap();
+    poll("outputs off", || (ports.world.lock().unwrap().truth_current_a() == 0.0).then_some(()));
+    poll("output off", || (ports.ask("supply4q", "OUTP?") == "0").then_some(()));
+}
+
+#[test]
+fn a_bench_file_that_is_another_one_by_now_guards_nothing() {
+    let files = Files::short(6);
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let run = files.path("killed");
+    let mut child = start(&files, &run, &[]);
+    wait_for_points(&mut child, &run, ("raw_shunt.csv", 1));
+    child.0.kill().unwrap();
+    child.0.wait().unwrap();
+    report(&files, "verified");
+    files.write(BENCH, &format!("{}\n# Another one.\n", files.text(BENCH)));
+    let refused = program(&["resume".as_ref(), run.as_os_str()]);
+    refused.expect_code(2);
+    assert!(refused.message().contains("expected the bench file that the run began with, found another text"), "{}", refused.message());
+    ports.assert_outputs_off();
+}

@@ -260,3 +260,23 @@ fn a_power_becomes_a_current_by_the_voltage_of_the_moment_and_is_planned_at_wors
     let refused = load_experiment(&both.experiment(), None).unwrap_err().to_string();
     assert!(refused.contains("traces.pulses.segments: expected a current or a power, and not both"), "{refused}");
 }
+
+#[test]
+fn steps_that_follow_each_other_fast_do_not_keep_the_cell_from_being_watched() {
+    let segments: String =
+        (0..20).map(|k| format!("    {{ current = \"{} A\", duration = \"1 s\" }},\n", if k % 2 == 0 { -5 } else { -4 })).collect();
+    let i = TRACE.find("segments").unwrap();
+    let trace = format!("{}segments = [\n{segments}    {{ current = \"0 A\", duration = \"3 s\" }},\n]\n", &TRACE[..i]);
+    let files = Files::short(2).without(EXPERIMENT, "fixture_check").without(EXPERIMENT, "eis").append(EXPERIMENT, &trace);
+    run_experiment(&files.load(), &files.path("run")).unwrap();
+    let readings = fs::read_to_string(files.path("run/readings.csv")).unwrap();
+    let flowing: Vec<f64> = readings
+        .lines()
+        .filter(|line| line.split(',').nth(3).and_then(|amps| amps.parse().ok()).is_some_and(|amps: f64| amps < -3.0))
+        .map(|line| line.split(',').next().unwrap().parse().unwrap())
+        .collect();
+    // Two repeats of 20 s.
+    assert!(flowing.len() >= 16, "{flowing:?}");
+    let longest_s = flowing.windows(2).map(|pair| pair[1] - pair[0]).filter(|gap_s| *gap_s < 10.0).fold(0.0, f64::max);
+    assert!(longest_s < 3.0, "{longest_s} s without a reading: {flowing:?}");
+}

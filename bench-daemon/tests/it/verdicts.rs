@@ -382,3 +382,18 @@ fn nobody_reading_along_stops_no_measurement() {
     assert_eq!(child.wait().unwrap().code(), Some(0));
     assert_eq!(manifest_status(&run), "finished");
 }
+
+#[test]
+fn a_sine_whose_crests_would_leave_the_limits_of_the_cell_is_not_driven() {
+    let files = Files::short(2)
+        .edit(SCENARIO, "initial_soc = 0.60", "initial_soc = 0.95")
+        .edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"8 A\"")
+        .without(EXPERIMENT, "fixture_check");
+    let failure = run_experiment(&files.load(), &files.path("run")).err().unwrap().to_string();
+    assert!(failure.contains("expected crests within 2.5 V to 4.2 V, found up to "), "{failure}");
+    let expected = "eis.start: expected half a period to move at most 324 C (2 % of the capacity), found ";
+    let slow = Files::short(2).edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"0.001 Hz\"").edit(EXPERIMENT, "\"1 A\"", "\"2 A\"");
+    let refused = slow.run("slow");
+    refused.expect_code(2);
+    assert!(refused.message().contains(expected), "{}", refused.message());
+}

@@ -62,11 +62,19 @@ impl<'a> Sweeping<'a> {
         self.file.as_deref().unwrap_or(&self.raw)
     }
 
+    /// A point by the correction of where the voltage probes were.
+    fn corrected(&self, point: &SweepPoint) -> ImpedancePoint {
+        match self.fixture {
+            Fixture::Shunt => self.correction.apply_at_shunt(&point.phasors),
+            Fixture::Cell | Fixture::FakeCell | Fixture::Short => self.correction.apply(&point.phasors),
+        }
+    }
+
     /// Appends a point to the tables.
     pub(super) fn record(&self, recorder: &Recorder, point: &SweepPoint) -> Result<(), RecordError> {
         recorder.spectrum_point(&self.raw, &self.as_read(point))?;
         let Some(file) = &self.file else { return Ok(()) };
-        recorder.spectrum_point(file, &self.correction.apply(&point.phasors))
+        recorder.spectrum_point(file, &self.corrected(point))
     }
 
     /// What a whole sweep comes to, in the tables too: by rising frequency, with the records that count, each frequency once; where it was visited twice, at the
@@ -77,10 +85,10 @@ impl<'a> Sweeping<'a> {
             at_one_time(&points.iter().map(|point| (point.time_s, of(point))).collect::<Vec<_>>())
         };
         recorder.spectrum(&self.raw, &at_once(&|point| self.as_read(point)))?;
-        let corrected = at_once(&|point| self.correction.apply(&point.phasors));
+        let corrected = at_once(&|point| self.corrected(point));
         let own = at_once(&|point| {
             let covariance = self.correction.measured_parts(&point.phasors).into_iter().sum();
-            ImpedancePoint { covariance, ..self.correction.apply(&point.phasors) }
+            ImpedancePoint { covariance, ..self.corrected(point) }
         });
         if let Some(file) = &self.file {
             recorder.spectrum(file, &corrected)?;
@@ -118,7 +126,7 @@ impl<'a> Sweeping<'a> {
         let raw: Vec<ImpedancePoint> = known.iter().map(|known| self.as_read(&known.point)).collect();
         settle(recorder, &self.raw, &raw)?;
         if let Some(file) = &self.file {
-            let corrected: Vec<ImpedancePoint> = known.iter().map(|known| self.correction.apply(&known.point.phasors)).collect();
+            let corrected: Vec<ImpedancePoint> = known.iter().map(|known| self.corrected(&known.point)).collect();
             settle(recorder, file, &corrected)?;
         }
         for point in known.iter().map(|known| &known.point) {
