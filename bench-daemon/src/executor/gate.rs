@@ -66,8 +66,8 @@ impl Executor<'_> {
         self.spent.charge_c += moved_c(step, took_s);
         point.failing = quality.judge(&point.measures);
         let captures = point.captures;
-        // A point whose own record is good is measured again for the sake of the sweep: the new record counts.
-        let of_sweep = before.failing.iter().all(Failing::is_of_sweep);
+        // A point whose own record is good is measured again for the sake of the sweep: the new record counts, if it is as good.
+        let of_sweep = before.failing.iter().all(Failing::is_of_sweep) && point.failing.is_empty();
         let better = if of_sweep || severity(&point.failing) < severity(&before.failing) { point } else { before };
         Ok(SweepPoint { captures, ..better })
     }

@@ -301,7 +301,7 @@ fn a_bench_file_that_is_another_one_by_now_guards_nothing() {
     report(&files, "verified");
     files.write(BENCH, &format!("{}\n# Another one.\n", files.text(BENCH)));
     let refused = program(&["resume".as_ref(), run.as_os_str()]);
-    refused.expect_code(2);
+    refused.expect_code(3);
     assert!(refused.message().contains("expected the bench file that the run began with, found another text"), "{}", refused.message());
     ports.assert_outputs_off();
 }
