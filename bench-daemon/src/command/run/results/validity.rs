@@ -2,7 +2,7 @@
 
 use analysis::{
     report::{Figure, Level, Table, Verdict},
-    validity::{Assessed, DOUBTFUL_RATE, Grade},
+    validity::{Assessed, Grade},
 };
 
 use super::records;
@@ -71,9 +71,6 @@ pub(super) fn verdict(judged: &[Judged]) -> Verdict {
     let counted = grades.map(|grade| (judged.iter().filter(|one| one.grade() == grade).count(), grade));
     let counts: Vec<String> = counted.iter().filter(|(count, _)| *count > 0).map(|(count, grade)| format!("{count} {grade}")).collect();
     let mut text = format!("Kramers–Kronig, Z-HIT, harmonics and drift of {} spectra: {}", judged.len(), counts.join(", "));
-    if counted[1].0 > 0 {
-        text.push_str(&format!(" ({:.0} % of sound spectra are called doubtful by chance)", 100.0 * DOUBTFUL_RATE));
-    }
     let mut odd: Vec<&Judged> = judged.iter().filter(|one| one.rank() > 0).collect();
     odd.sort_by_key(|one| std::cmp::Reverse(one.rank()));
     odd.iter().take(NAMED).for_each(|one| text.push_str(&format!("; {}: {}", one.name, one.in_words())));
