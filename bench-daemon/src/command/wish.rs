@@ -60,7 +60,7 @@ pub fn reorder(args: &ReorderArgs) -> Result<(), Failure> {
     }
     let coming = wishes::coming(&runs, &args.runs).map_err(usage)?;
     let before = Wishes::read(&args.folder);
-    let wish = Wishes { order: args.runs.clone(), ..before.clone() };
+    let wish = Wishes { order: args.runs.clone(), course: before.course };
     wish.write(&args.folder).map_err(|error| usage(error.to_string()))?;
     let work = wishes::in_words(runs.iter().filter(|run| run.1 == Standing::InWork).map(|run| run.0));
     say!("in work: {work}; then: {}", wishes::in_words(coming.into_iter()));

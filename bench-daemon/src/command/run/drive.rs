@@ -73,9 +73,9 @@ pub(super) async fn drive(
     let Drive { executor, mut measured, settled, .. } = drive;
     for (place, Settled { points, spectrum, own_noise }) in settled.into_values().enumerate() {
         if place == 0 {
-            measured.spectrum = spectrum
+            measured.spectrum = spectrum;
         } else {
-            measured.repeats.push(spectrum)
+            measured.repeats.push(spectrum);
         }
         measured.points.push(points);
         measured.own_noise.push(own_noise);

@@ -14,7 +14,10 @@ use crate::{
 const SAME_RANGE: f64 = 1.0e-3;
 
 /// Something that was measured: its name, and frequency, Hz, where it has one, and V/div of channels 1…4 of each record.
-type Ranged = (String, Vec<(Option<f64>, [f64; 4])>);
+type Ranged = (String, Vec<Scales>);
+
+/// Frequency, Hz, and V/div.
+type Scales = (Option<f64>, [f64; 4]);
 
 /// Notes every sweep, multisine and trace of the cell on other ranges than those of a control.
 ///
@@ -48,11 +51,11 @@ pub(super) fn warn(recorder: &mut Recorder, measured: &Measured) -> Result<(), F
 }
 
 /// What is to be said of all that was measured on other ranges than a control's; the same of several is said once.
-fn differing(all: &[Ranged], (control, reference): (&str, &[(Option<f64>, [f64; 4])])) -> Vec<String> {
+fn differing(all: &[Ranged], (control, reference): (&str, &[Scales])) -> Vec<String> {
     let mut said: BTreeMap<String, Vec<&str>> = BTreeMap::new();
     for (name, records) in all {
         for slot in 0..4 {
-            let other = |(freq_hz, volts): &&(Option<f64>, [f64; 4])| {
+            let other = |(freq_hz, volts): &&Scales| {
                 let same = |reference: f64| (volts[slot] / reference - 1.0).abs() <= SAME_RANGE;
                 !match freq_hz {
                     Some(freq_hz) => nearest(reference, *freq_hz).is_some_and(|found| same(found[slot])),
@@ -71,7 +74,7 @@ fn differing(all: &[Ranged], (control, reference): (&str, &[(Option<f64>, [f64; 
 }
 
 /// The record of a control that is nearest in frequency.
-fn nearest(reference: &[(Option<f64>, [f64; 4])], freq_hz: f64) -> Option<&[f64; 4]> {
+fn nearest(reference: &[Scales], freq_hz: f64) -> Option<&[f64; 4]> {
     let away = |at: &Option<f64>| at.map_or(f64::INFINITY, |at| (at / freq_hz).ln().abs());
     reference.iter().min_by(|a, b| away(&a.0).total_cmp(&away(&b.0))).map(|(_, volts)| volts)
 }

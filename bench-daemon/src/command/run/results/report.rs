@@ -106,6 +106,7 @@ fn nyquist(recorder: &Recorder, (name, caption, plot): (String, String, Impedanc
     Ok(Figure { svg: plot::nyquist_svg(&plot).map_err(drawn)?, caption })
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "what map_err hands over")]
 fn drawn(error: PlotError) -> Failure {
     Failure::Analysis(error.to_string())
 }
