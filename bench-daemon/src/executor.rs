@@ -26,6 +26,7 @@ use instruments::{
 };
 
 pub use beside::{Bend, Beside};
+pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
 pub use sine::SweepPoint;
@@ -81,6 +82,8 @@ pub struct Executor<'a> {
     mounted: Option<(Fixture, Option<Arc<Specimen>>)>,
     /// The cell that is in use, where there are several.
     specimen: Option<Arc<Specimen>>,
+    /// Number of the campaign's run that the stage in work belongs to.
+    run: Option<usize>,
     /// Number of the sweep, 0 for a control.
     repeat: usize,
     /// Points that the scope's memory was last set to.
@@ -135,6 +138,7 @@ impl<'a> Executor<'a> {
             polls: 0,
             mounted: None,
             specimen: None,
+            run: None,
             repeat: 0,
             memory_points: None,
             zero: None,
@@ -219,7 +223,10 @@ impl<'a> Executor<'a> {
     /// Plays one step; a sine gives a point.
     async fn play(&mut self, fixture: Fixture, step: &Step) -> Result<Option<SweepPoint>, ExecuteError> {
         match *step {
-            Step::Specimen(ref specimen, _) => self.insert(specimen).await?,
+            Step::Specimen(ref specimen, run) => {
+                self.run = Some(run);
+                self.insert(specimen).await?;
+            }
             Step::Mount(_) => self.mount(fixture).await?,
             Step::HoldTemperature { .. } => self.hold_temperature(step).await?,
             Step::Discharge { .. } => self.discharge(step).await?,

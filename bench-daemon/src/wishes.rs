@@ -61,6 +61,45 @@ impl Wishes {
     }
 }
 
+/// Where a run of a campaign stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Standing {
+    /// Nothing of it is left to do.
+    Finished,
+    /// It was begun, and ends before anything else is.
+    InWork,
+    /// It was not begun.
+    Left,
+}
+
+/// The runs that come next, in their order, when those of these numbers are wanted first; `runs` are all, by their numbers.
+///
+/// # Errors
+/// A number that is none of a run, is named twice, or is that of a run that was begun.
+pub fn coming(runs: &[(usize, Standing)], wanted: &[usize]) -> Result<Vec<usize>, String> {
+    let numbers = |standing| runs.iter().filter(move |run| run.1 == standing).map(|run| run.0);
+    let left = in_words(numbers(Standing::Left));
+    for (place, number) in wanted.iter().enumerate() {
+        let standing = runs.iter().find(|run| run.0 == *number).map(|run| run.1);
+        let found = match standing {
+            None => format!("{number}, of {} runs", runs.len()),
+            Some(_) if wanted[..place].contains(number) => format!("{number} twice"),
+            Some(Standing::Finished) => format!("{number}, which is finished"),
+            Some(Standing::InWork) => format!("{number}, which is in work"),
+            Some(Standing::Left) => continue,
+        };
+        return Err(format!("expected runs that were not begun, each once, of: {left}; found {found}"));
+    }
+    let rest = numbers(Standing::Left).filter(|number| !wanted.contains(number));
+    Ok(wanted.iter().copied().chain(rest).collect())
+}
+
+/// Numbers in words.
+pub fn in_words(numbers: impl Iterator<Item = usize>) -> String {
+    let words: Vec<String> = numbers.map(|number| number.to_string()).collect();
+    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
+}
+
 /// What is left, in the order that is wanted: first what is named, then the rest as it was. `number` tells an item's number.
 pub fn reorder<T>(left: &mut [T], order: &[usize], number: impl Fn(&T) -> Option<usize>) {
     let place = |item: &T| number(item).and_then(|number| order.iter().position(|wanted| *wanted == number)).unwrap_or(usize::MAX);
@@ -82,6 +121,24 @@ mod tests {
         assert_eq!(Wishes::read(folder.path()), Wishes::default());
         Wishes::forget(folder.path());
         assert!(!folder.path().join(FILE).exists());
+    }
+
+    #[test]
+    fn an_order_is_of_runs_that_were_not_begun_each_once() {
+        use Standing::{Finished, InWork, Left};
+        let runs = [(1, Finished), (2, InWork), (3, Left), (4, Left), (5, Left)];
+        assert_eq!(coming(&runs, &[5, 3]), Ok(vec![5, 3, 4]));
+        for (wanted, found) in [
+            (&[99][..], "found 99, of 5 runs"),
+            (&[0], "found 0, of 5 runs"),
+            (&[3, 3], "found 3 twice"),
+            (&[4, 1], "found 1, which is finished"),
+            (&[2], "found 2, which is in work"),
+        ] {
+            let refused = coming(&runs, wanted).unwrap_err();
+            assert_eq!(refused, format!("expected runs that were not begun, each once, of: 3, 4, 5; {found}"));
+        }
+        assert!(coming(&[(1, Finished)], &[1]).unwrap_err().contains("of: none; found 1, which is finished"));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use analysis::{
     formats::{SourcedSpectrum, read_sourced},
     model::RcBranch,
     plot,
-    report::{Figure, Level, Verdict},
+    report::Figure,
     spectrum::Spectrum,
     validity::{Assessed, Assessment, Grade, Linearity, Noise, NoiseSource, Record, Stationarity, assess},
 };
@@ -49,43 +49,24 @@ const START_BRANCHES: usize = 4;
 /// So many spectra of a cell are shown with the table of their points.
 const SHOWN_WHOLE: usize = 2;
 
-/// What a run's report says of its spectrum and the records that it was made from: a line of the verdict, and pictures. It is shown with its whole
-/// uncertainty and tested against that of its own records.
+/// One spectrum of a run by itself, with the records that it was made from; else why it was not tested.
+pub(super) fn tested(spectrum: &Spectrum, records: &[Record]) -> Result<Assessed, String> {
+    let assessment = assess(std::slice::from_ref(spectrum), records).map_err(|error| error.to_string())?;
+    assessment.spectra.into_iter().next().ok_or_else(|| "there is no spectrum".to_owned())
+}
+
+/// Pictures of a tested spectrum for a report; it is shown with its whole uncertainty.
 ///
 /// # Errors
 /// A picture that cannot be drawn.
-pub(super) fn in_report(shown: &Spectrum, tested: &Spectrum, records: &[Record]) -> Result<(Verdict, Vec<Figure>), Failure> {
-    let assessment = match assess(std::slice::from_ref(tested), records) {
-        Ok(assessment) => assessment,
-        Err(error) => return Ok((Verdict { level: Level::Note, text: format!("The spectrum was not tested: {error}.") }, Vec::new())),
-    };
-    let Some(assessed) = assessment.spectra.first() else {
-        return Ok((Verdict { level: Level::Note, text: "There is no spectrum to test.".to_owned() }, Vec::new()));
-    };
-    let level = match assessed.verdict.grade {
-        Grade::Good => Level::Good,
-        Grade::Doubtful => Level::Note,
-        Grade::Bad => Level::Bad,
-    };
+pub(super) fn pictures(assessed: &Assessed, shown: &Spectrum) -> Result<Vec<Figure>, Failure> {
     let svg = |chart| plot::chart_svg(&chart).map_err(|error| Failure::Analysis(error.to_string()));
-    let figures = vec![
-        Figure {
-            svg: svg(plots::residuals(assessed))?,
-            caption: "What no circuit of resistances, capacitances and inductances explains of the spectrum, with ±2σ of its noise."
-                .to_owned(),
-        },
-        Figure {
-            svg: svg(plots::z_hit(assessed, shown))?,
-            caption: "The modulus as measured and as the phase asks for; they part where the cell changed during the sweep.".to_owned(),
-        },
-    ];
-    Ok((
-        Verdict {
-            level,
-            text: format!("Kramers–Kronig, Z-HIT, harmonics and drift: {}: {}.", assessed.verdict.grade, assessed.verdict.text),
-        },
-        figures,
-    ))
+    let residuals = "What no circuit of resistances, capacitances and inductances explains of the spectrum, with ±2σ of its noise.";
+    let z_hit = "The modulus as measured and as the phase asks for; they part where the cell changed during the sweep.";
+    Ok(vec![
+        Figure { svg: svg(plots::residuals(assessed))?, caption: residuals.to_owned() },
+        Figure { svg: svg(plots::z_hit(assessed, shown))?, caption: z_hit.to_owned() },
+    ])
 }
 
 /// The spectra of one cell and what is to be thought of them.

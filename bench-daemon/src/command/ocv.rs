@@ -65,7 +65,8 @@ pub fn ocv(args: &OcvArgs) -> Result<(), Failure> {
     let found = extract(&discharge, charge.as_ref(), &options).map_err(|error| Failure::Usage(error.to_string()))?;
     if let Some(folder) = &args.out {
         let points = compensated(&discharge, &options).map_err(|error| Failure::Usage(error.to_string()))?;
-        write(folder, &discharge.name, (&points, &found))?;
+        write(folder, &found)?;
+        files::write_chart(folder, "ocv", &picture(&discharge.name, &points, &found))?;
     }
     if args.json {
         let text = serde_json::to_string_pretty(&found).map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -120,8 +121,8 @@ fn print_text(name: &str, found: &OcvExtraction) {
     }
 }
 
-/// Writes table, curve and picture into a folder; `points` are (SOC, compensated voltage) of the samples.
-pub(super) fn write(folder: &Path, name: &str, (points, found): (&[(f64, f64)], &OcvExtraction)) -> Result<(), Failure> {
+/// Writes table and curve into a folder.
+pub(super) fn write(folder: &Path, found: &OcvExtraction) -> Result<(), Failure> {
     files::make_folder(folder)?;
     let put = |name: &str, text: &str| files::write_text(folder, name, text);
     let mut table = "soc,ocv_v,docv_dsoc_v\n".to_owned();
@@ -132,12 +133,12 @@ pub(super) fn write(folder: &Path, name: &str, (points, found): (&[(f64, f64)], 
     }
     put("ocv.csv", &table)?;
     let json = serde_json::to_string_pretty(&found.curve).map_err(|error| Failure::Analysis(error.to_string()))?;
-    put("ocv.json", &(json + "\n"))?;
-    files::write_chart(folder, "ocv", &picture(name, points, found))
+    put("ocv.json", &(json + "\n"))
 }
 
-/// The measured and the compensated curve as figure 3.3 of the thesis, the slope, and the samples less the spline.
-fn picture(name: &str, points: &[(f64, f64)], found: &OcvExtraction) -> Chart {
+/// The measured and the compensated curve as figure 3.3 of the thesis, the slope, and the samples less the spline; `points` are (SOC, compensated voltage) of
+/// the samples.
+pub(super) fn picture(name: &str, points: &[(f64, f64)], found: &OcvExtraction) -> Chart {
     let every = points.len().div_ceil(DRAWN).max(1);
     let thin: Vec<(f64, f64)> = points.iter().step_by(every).copied().collect();
     let drop = found.current_a * found.dcir_ohm;

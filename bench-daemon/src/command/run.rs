@@ -24,7 +24,7 @@ use instruments::{
     mock::plant::Fixture,
     transport::MemoryHub,
 };
-pub(crate) use past::Past;
+pub(crate) use past::{Past, begun_experiment};
 use tokio::{
     runtime::Runtime,
     signal::unix::{Signal, SignalKind, signal},
@@ -67,8 +67,35 @@ pub struct Measured {
     pub repeats: Vec<Spectrum>,
     /// All of them with the noise of their own records only: what the correction leaves uncertain is the same in each.
     pub own_noise: Vec<Spectrum>,
+    /// The points of all of them as read.
+    pub points: Vec<Vec<SweepPoint>>,
+    /// They are runs of a campaign, and called after cell and repeat.
+    pub campaign: bool,
     /// What multisines measured of the cell.
     pub multisines: Vec<MultisineRun>,
+}
+
+impl Measured {
+    /// The corrected spectra of all sweeps of the cell.
+    pub fn spectra(&self) -> impl Iterator<Item = &Spectrum> {
+        std::iter::once(&self.spectrum).chain(&self.repeats).filter(|spectrum| !spectrum.points.is_empty())
+    }
+
+    /// What each of them is called among the others; nothing where there is no other.
+    pub fn names(&self) -> Vec<String> {
+        let several = self.repeats.iter().any(|spectrum| !spectrum.points.is_empty());
+        let name = |(number, spectrum): (usize, &Spectrum)| match (several, self.campaign) {
+            (_, true) => spectrum.name.clone(),
+            (true, false) => format!("sweep {number}"),
+            (false, false) => String::new(),
+        };
+        (1..).zip(self.spectra()).map(name).collect()
+    }
+
+    /// What the first of them is called, where there are others.
+    pub(super) fn first_of_several(&self) -> Option<String> {
+        self.names().into_iter().next().filter(|_| !self.repeats.is_empty())
+    }
 }
 
 /// Runs an experiment.

@@ -1,15 +1,16 @@
 //! `eis-bench pause`, `go-on`, `abort` and `reorder`: what is wanted of a run in another terminal.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use crate::terminal::say;
 use crate::{
-    command::Failure,
+    command::{Failure, run::begun_experiment},
     journal::{self, Entry},
+    procedure,
     story::Story,
-    wishes::{Course, Wishes},
+    wishes::{self, Course, Standing, Wishes},
 };
 
 /// Arguments of `pause`, `go-on` and `abort`.
@@ -46,25 +47,62 @@ pub fn wish(args: &FolderArgs, course: Course) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Says which runs of a campaign come next.
+/// Says which runs of a campaign come next. What was said before about the order holds no more.
 ///
 /// # Errors
-/// As [`wish`].
+/// As [`wish`]; runs that are none of the campaign's, that are named twice or were begun.
 pub fn reorder(args: &ReorderArgs) -> Result<(), Failure> {
-    said(&FolderArgs { folder: args.folder.clone() }, &Wishes { order: args.runs.clone(), ..Wishes::read(&args.folder) })?;
-    say!("after the run in work: {}", args.runs.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "));
+    let usage = |text: String| Failure::Usage(format!("{}: {text}", args.folder.display()));
+    let story = going_on(&args.folder)?;
+    let runs = standings(&args.folder, &story)?;
+    if runs.is_empty() {
+        return Err(usage("expected a campaign, whose runs have an order, found an experiment without [campaign]".to_owned()));
+    }
+    let coming = wishes::coming(&runs, &args.runs).map_err(usage)?;
+    let before = Wishes::read(&args.folder);
+    let wish = Wishes { order: args.runs.clone(), course: before.course };
+    wish.write(&args.folder).map_err(|error| usage(error.to_string()))?;
+    let work = wishes::in_words(runs.iter().filter(|run| run.1 == Standing::InWork).map(|run| run.0));
+    say!("in work: {work}; then: {}", wishes::in_words(coming.into_iter()));
+    if !before.order.is_empty() && before.order != wish.order {
+        say!("the order that was asked for before holds no more: {}", wishes::in_words(before.order.into_iter()));
+    }
     Ok(())
 }
 
+/// The runs of the campaign by their numbers, as far as they came; none where there is no campaign.
+fn standings(folder: &Path, story: &Story) -> Result<Vec<(usize, Standing)>, Failure> {
+    let experiment = begun_experiment(folder, &story.started)?;
+    let plan = procedure::plan(&experiment);
+    let of_run = |number: usize| plan.stages.iter().enumerate().filter(move |(_, stage)| stage.run() == Some(number));
+    let standing = |number: usize| {
+        if of_run(number).all(|(stage, _)| story.finished(stage)) {
+            Standing::Finished
+        } else if of_run(number).any(|(stage, _)| story.stages.contains_key(&stage)) {
+            Standing::InWork
+        } else {
+            Standing::Left
+        }
+    };
+    let runs = experiment.campaign.iter().flat_map(|campaign| campaign.runs());
+    Ok(runs.map(|run| (run.number, standing(run.number))).collect())
+}
+
 fn said(args: &FolderArgs, wishes: &Wishes) -> Result<(), Failure> {
-    let usage = |text: String| Failure::Usage(format!("{}: {text}", args.folder.display()));
-    let lines = journal::read(&args.folder).map_err(|error| Failure::Usage(error.to_string()))?.lines;
+    going_on(&args.folder)?;
+    wishes.write(&args.folder).map_err(|error| Failure::Usage(format!("{}: {error}", args.folder.display())))
+}
+
+/// How far a run came that goes on and can be asked.
+fn going_on(folder: &Path) -> Result<Story, Failure> {
+    let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
+    let lines = journal::read(folder).map_err(|error| Failure::Usage(error.to_string()))?.lines;
     let story = Story::of(&lines).map_err(|error| usage(error.to_string()))?;
-    if let Some(how) = story.ended {
+    if let Some(how) = &story.ended {
         return Err(usage(format!("expected a run that is going on, found one that has ended: {how}")));
     }
     if lines.iter().any(|line| matches!(&line.entry, Entry::Started(started) if started.time == "virtual")) {
         return Err(usage("expected a run in real or scaled time: in virtual time nobody is asked".to_owned()));
     }
-    wishes.write(&args.folder).map_err(|error| usage(error.to_string()))
+    Ok(story)
 }

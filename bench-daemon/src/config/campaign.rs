@@ -51,6 +51,11 @@ impl CampaignRun {
     pub fn name(&self) -> String {
         format!("{}_{}", self.cell.name, self.repeat)
     }
+
+    /// What a note about it begins with.
+    pub fn prefix(&self) -> String {
+        format!("run {} (cell {}, repeat {}): ", self.number, self.cell.name, self.repeat)
+    }
 }
 
 impl Check<'_> {

@@ -1,5 +1,6 @@
 //! The multisine: the section `[multisine]` against bench and cell.
 
+use analysis::multisine::odd_grid;
 use instruments::{generator, instrument::by_key, scope, supply4q, units::Seconds};
 use serde::Deserialize;
 
@@ -131,6 +132,16 @@ impl Check<'_> {
         self.within("multisine.bands.start", start_hz, (base_hz, driven_hz), "Hz")?;
         let stop_hz = self.within("multisine.bands.stop", raw.stop.si, (start_hz, driven_hz), "Hz")?;
         self.within("multisine.bands.lines", raw.lines as f64, (2.0, 200.0), "lines")?;
+        let held = |lines: usize| odd_grid(base_hz, (start_hz, stop_hz), lines).len();
+        if held(raw.lines) < raw.lines {
+            let most = (0..raw.lines).rev().find(|lines| held(*lines) == *lines).unwrap_or(0);
+            let reason = format!(
+                "expected at most {most} lines, which the odd multiples of {base_hz} Hz from {start_hz} Hz to {stop_hz} Hz have room for with some left \
+                 out, found {}",
+                raw.lines
+            );
+            return Err(self.complain("multisine.bands.lines", reason));
+        }
         self.within("multisine.bands.periods", f64::from(raw.periods), (3.0, 1000.0), "periods")?;
         let last = (stop_hz / base_hz).floor() as usize;
         let steps = (STEPS_PER_PERIOD * last.max(1)).next_power_of_two();

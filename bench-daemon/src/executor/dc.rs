@@ -29,6 +29,9 @@ const GREATEST_SHIFT_V: f64 = 0.1;
 /// The end of a charge lies this far below the limit of the supply at least, V: there the current dies away.
 const BELOW_LIMIT_V: f64 = 0.02;
 
+/// What begins a note about a state of charge that was missed.
+pub const SOC_MISSED: &str = "SOC reset";
+
 /// Where the reset of the state of charge stands.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Reset {
@@ -41,6 +44,12 @@ pub(super) struct Reset {
 }
 
 impl Executor<'_> {
+    /// A text about the run of a campaign that is in work, and that says so.
+    fn of_run(&self, text: &str) -> String {
+        let run = self.run.and_then(|number| self.experiment.campaign.as_ref()?.run(number));
+        run.map_or_else(|| text.to_owned(), |run| format!("{}{text}", run.prefix()))
+    }
+
     /// By band and by slope: a cell that passes the band on its way is not at rest in it.
     pub(super) fn accept(&mut self, (low_v, high_v): (f64, f64), missed: Option<Missed>) -> Result<(), ExecuteError> {
         let (volts, steady) = self.reset.rested.unwrap_or((f64::NAN, false));
@@ -55,17 +64,16 @@ impl Executor<'_> {
                 let shift_v = self.reset.shift_v + 0.5 * (low_v + high_v) - volts;
                 self.reset.shift_v = if shift_v.is_nan() { 0.0 } else { shift_v.clamp(-GREATEST_SHIFT_V, GREATEST_SHIFT_V) };
                 let shift_mv = 1.0e3 * self.reset.shift_v;
-                Ok(self.recorder.event(&format!(
-                    "SOC reset: expected {expected}, found {met}; again, the end of the charge moved by {shift_mv:+.1} mV"
-                ))?)
+                let text =
+                    format!("{SOC_MISSED}: expected {expected}, found {met}; again, the end of the charge moved by {shift_mv:+.1} mV");
+                Ok(self.recorder.event(&self.of_run(&text))?)
             }
             Some(Missed::Flag) => {
-                self.recorder.warning(&format!(
-                    "SOC reset: expected {expected}, found {met}: the state of charge is not the one that was asked for"
-                ));
+                let text = format!("{SOC_MISSED}: expected {expected}, found {met}: the state of charge is not the one that was asked for");
+                self.recorder.warning(&self.of_run(&text));
                 Ok(())
             }
-            Some(Missed::Refuse) => Err(ExecuteError::Disobeyed { what: "cell after the SOC reset".to_owned(), expected, met }),
+            Some(Missed::Refuse) => Err(ExecuteError::Disobeyed { what: self.of_run("cell after the SOC reset"), expected, met }),
         }
     }
 
@@ -189,6 +197,7 @@ impl Executor<'_> {
                 } else {
                     format!("after {max_s:.0} s of rest the voltage still moves by {:.3} mV/min", slope * 6.0e4)
                 };
+                let text = self.of_run(&text);
                 tracing::warn!("{text}");
                 self.recorder.warning(&text);
                 self.reset.rested = Some((volts, false));

@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// The whole experiment as a plan: fixture check, temperature, OCV over SOC, SOC reset, then rounds of one sweep and each trace, as often as each is to be repeated;
-/// in a campaign SOC reset, temperature, sweep and traces for every run. The controls come first, so that the cell is put into
+/// in a campaign temperature, SOC reset, temperature again, sweep and traces for every run. The controls come first, so that the cell is put into
 /// the jig once, after the last of them, and nothing has to be clamped where it sits.
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
@@ -38,8 +38,9 @@ pub fn plan(experiment: &Experiment) -> Plan {
         for run in campaign.runs() {
             let traces =
                 experiment.traces.iter().map(|trace| trace::stage((trace, run.number), &experiment.cell, held, time_base(experiment)));
-            let parts =
-                reset.clone().into_iter().chain(temperature.clone()).chain(sweep(Fixture::Cell, run.number, amplitude_a)).chain(traces);
+            // A reset at another temperature ends at another charge, and its currents warm the cell: the temperature is held before and after it.
+            let reset = temperature.clone().filter(|_| reset.is_some()).into_iter().chain(reset.clone());
+            let parts = reset.chain(temperature.clone()).chain(sweep(Fixture::Cell, run.number, amplitude_a)).chain(traces);
             stages.extend(parts.map(|stage| campaign::of_run(stage, &run)));
         }
         return Plan { stages };

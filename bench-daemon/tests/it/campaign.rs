@@ -3,7 +3,7 @@
 use std::fs;
 
 use analysis::{dataset::RunIndex, spectrum::Spectrum};
-use bench_daemon::command::run::run_experiment;
+use bench_daemon::{command::run::run_experiment, plan::Purpose, procedure};
 
 use crate::{
     resume::resume,
@@ -38,6 +38,20 @@ fn two_by_two_give_four_spectra_their_spread_and_one_model_and_the_same_files_ag
     assert_eq!(campaign["runs"].as_array().unwrap().len(), 4);
     assert_eq!(campaign["cells"][0]["serial"], "S1");
     assert_eq!(campaign["models"].as_array().unwrap().len(), 1);
+    // Every spectrum is judged, and what is about one says which.
+    let report = fs::read_to_string(run.join("report.html")).unwrap();
+    for text in [
+        "drift of 4 spectra: ",
+        "Corrected spectrum of A_1 (",
+        "Uncertainty budget of A_1: ",
+        "Nyquist plot, Molicel P45B, 2 cells",
+        "repeat 2",
+    ] {
+        assert!(report.contains(text), "{text}");
+    }
+    assert!(finished.summary.contains("A_1: |Z| at ") && finished.summary.contains("A_1: uncertainty of |Z|"), "{}", finished.summary);
+    assert!(finished.summary.contains("drift of 4 spectra: "), "{}", finished.summary);
+    assert!(campaign["runs"].as_array().unwrap().iter().all(|run| run["validity"].is_string() && run["soc_missed"] == false));
     // The true cells differ by some per cent at most, and the repeats of one by the noise alone.
     let point = &campaign["spread"][0];
     let number = |field: &str| point[field].as_f64().unwrap();
@@ -89,7 +103,17 @@ fn a_campaign_is_paused_reordered_aborted_and_gone_on_with_from_another_terminal
     refused.expect_code(8);
     assert!(refused.message().contains("expected a bench that nobody runs: process "), "{}", refused.message());
     assert!(fs::read(run.join("journal.jsonl")).unwrap() == kept && run.join("wishes.json").exists(), "a run that goes on is left alone");
-    say(&["reorder", "4", "2"]);
+    say(&["reorder", "3"]);
+    for (wanted, found) in [(&["99"][..], "found 99, of 4 runs"), (&["4", "4"], "found 4 twice")] {
+        let arguments = ["reorder".as_ref(), run.as_os_str()].into_iter().chain(wanted.iter().map(|text| text.as_ref()));
+        let refused = program(&arguments.collect::<Vec<_>>());
+        refused.expect_code(2);
+        assert!(refused.message().contains(found), "{}", refused.message());
+    }
+    let told_order = program(&["reorder".as_ref(), run.as_os_str(), "4".as_ref(), "2".as_ref()]);
+    told_order.expect_code(0);
+    assert!(told_order.stdout.contains("then: 4, 2, 3"), "{}", told_order.stdout);
+    assert!(told_order.stdout.contains("the order that was asked for before holds no more: 3"), "{}", told_order.stdout);
     say(&["go-on"]);
     told("\"entry\":\"gone_on\"");
     rows("B_2.csv");
@@ -108,6 +132,20 @@ fn a_campaign_is_paused_reordered_aborted_and_gone_on_with_from_another_terminal
     assert_eq!(index.sweeps.iter().map(|sweep| sweep.order).collect::<Vec<_>>(), [0, 1, 2, 3]);
     ports.assert_outputs_off();
     assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+}
+
+#[test]
+fn the_temperature_is_held_before_the_reset_and_after_it() {
+    let order = |files: Files| -> Vec<Purpose> {
+        let campaign = "[campaign]\nrepeats = 1\ncells = [{ name = \"A\" }]";
+        let stages = procedure::plan(&files.append(EXPERIMENT, campaign).load()).stages;
+        stages.iter().filter(|stage| stage.run() == Some(1)).map(|stage| stage.purpose).collect()
+    };
+    use Purpose::{SocReset, Sweep, Temperature};
+    let sweep = Sweep(instruments::mock::plant::Fixture::Cell, 1);
+    assert_eq!(order(Files::demo()), [Temperature, SocReset, Temperature, sweep]);
+    assert_eq!(order(Files::demo().without(EXPERIMENT, "soc_reset")), [Temperature, sweep]);
+    assert_eq!(order(Files::brief(2)), [SocReset, sweep]);
 }
 
 #[test]

@@ -85,7 +85,8 @@ fn one_branch(more: &str) -> Files {
 
 #[test]
 fn it_reports_the_distortion_of_butler_and_volmer_and_none_of_a_linear_cell() {
-    let linear = run(&one_branch(""));
+    let one = one_branch("");
+    let linear = run(&one);
     let lines = &linear.measured.multisines[0].lines;
     assert!(lines.iter().all(|line| !line.is_distorted()), "{lines:#?}");
     let truth = |spectrum: &Spectrum| {
@@ -96,6 +97,9 @@ fn it_reports_the_distortion_of_butler_and_volmer_and_none_of_a_linear_cell() {
         };
         spectrum.points.iter().map(off).fold(0.0, f64::max)
     };
+    let report = fs::read_to_string(one.path("run/report.html")).unwrap();
+    assert!(report.contains("Multisine: lines (") && report.contains("<svg") && one.path("run/plots/multisine.png").exists());
+    assert!(linear.summary.contains("report:     "), "{}", linear.summary);
     // Without controls the harness is in it; the order of magnitude is right all the same.
     assert!(truth(&linear.measured.multisines[0].spectrum) < 0.25);
     let curved = run(&one_branch("[effects.butler_volmer]\nbranch = 1\nalpha = 0.3"));
@@ -119,6 +123,11 @@ fn what_the_bench_cannot_play_or_hold_is_refused_in_words() {
             "periods = 5",
             "periods = 6",
             "multisine.bands.periods: expected whole periods that fill a screen of the scope, such as 100 s, found 60 s",
+        ),
+        (
+            "lines = 12",
+            "lines = 150",
+            "multisine.bands.lines: expected at most 34 lines, which the odd multiples of 0.1 Hz from 0.1 Hz to 10 Hz",
         ),
         ("peak = \"2 A\"", "peak = \"30 A\"", "multisine.peak: expected 0.01 A to "),
         (

@@ -39,6 +39,9 @@ fn the_curve_is_the_truth_within_two_millivolts_and_the_interruptions_tell_the_r
     let dcir_ohm = found["extraction"]["dcir_ohm"].as_f64().unwrap();
     assert!((0.0250..0.0265).contains(&dcir_ohm), "{dcir_ohm}");
     assert_eq!((found["interruptions"].as_array().unwrap().len(), found["monotone"].as_bool()), (10, Some(true)));
+    let report = std::fs::read_to_string(run.join("report.html")).unwrap();
+    assert!(report.contains("<svg") && report.contains("Interruptions of the discharge"));
+    assert!(run.join("plots/ocv.svg").exists() && !run.join("ocv.svg").exists());
     // No hysteresis is hidden in this cell.
     let half_v = found["extraction"]["charge"]["median_v"].as_f64().unwrap();
     assert!(half_v.abs() < 1.0e-3, "{half_v}");
@@ -61,4 +64,5 @@ fn the_data_sheets_resistance_leaves_what_it_misses() {
     // 26 mΩ less 15 mΩ at 1 A.
     assert!((0.008..0.016).contains(&worst), "off by {worst} V");
     assert!(finished.summary.contains("OCV: compensated by 15.00 mΩ; 1 interruptions show"), "{}", finished.summary);
+    assert!(finished.summary.contains("note: OCV: ocv_soc.dcir is 15.00 mΩ, and 1 interruptions show "), "{}", finished.summary);
 }

@@ -4,7 +4,7 @@ use std::fs;
 
 use bench_daemon::command::run::run_experiment;
 
-use crate::support::{EXPERIMENT, Files};
+use crate::support::{EXPERIMENT, Files, SCENARIO, json};
 
 /// A reset and two points.
 fn files(acceptance: &str) -> Files {
@@ -43,6 +43,14 @@ fn a_band_out_of_reach_is_flagged_or_ends_the_run_as_the_file_says() {
     let summary = run_experiment(&flagged.load(), &flagged.path("run")).unwrap().summary;
     assert!(summary.contains("note: SOC reset: expected 3.54 V to 3.55 V at rest, found 3."), "{summary}");
     assert!(summary.contains("the state of charge is not the one that was asked for"), "{summary}");
+    let campaign = "[campaign]\nrepeats = 1\ncells = [{ name = \"A\" }, { name = \"B\" }]";
+    let two = out_of_reach("flag").append(EXPERIMENT, campaign).append(SCENARIO, "[specimens]\ncount = 2");
+    let summary = run_experiment(&two.load(), &two.path("run")).unwrap().summary;
+    assert!(summary.contains("note: run 2 (cell B, repeat 1): SOC reset: expected 3.54 V to 3.55 V at rest, found 3."), "{summary}");
+    let told = json(&two.path("run/campaign.json"));
+    for run in told["runs"].as_array().unwrap() {
+        assert!(run["soc_missed"] == true && run["notes"][0].as_str().unwrap().starts_with("SOC reset: expected 3.54 V"), "{run}");
+    }
     let refused = out_of_reach("refuse");
     let failure = run_experiment(&refused.load(), &refused.path("run")).err().unwrap().to_string();
     assert!(failure.starts_with("cell after the SOC reset: expected 3.54 V to 3.55 V at rest, measured 3."), "{failure}");

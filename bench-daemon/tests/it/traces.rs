@@ -138,6 +138,12 @@ fn the_controls_can_be_measured_for_a_trace_alone() {
     assert_eq!(finished.measured.controls.len(), 2);
     assert!(files.path("run/correction.json").exists() && !files.path("run/spectrum.csv").exists());
     assert_eq!((index(&files).sweeps.len(), index(&files).traces.len()), (0, 2));
+    // The controls saw 1 A, the traces 5 A.
+    let said = "note: trace pulses, repeat 1; trace pulses, repeat 2 measured on channel ";
+    assert!(finished.summary.contains(said), "{}", finished.summary);
+    let report = fs::read_to_string(files.path("run/report.html")).unwrap();
+    assert!(report.contains("Traces (noise of one sample") && report.contains("The bench as its controls show it"));
+    assert!(files.path("run/plots/trace_pulses_2.png").exists());
 }
 
 #[test]

@@ -57,6 +57,8 @@ pub(super) async fn drive(
         spectrum: Spectrum { name: experiment.name.clone(), points: Vec::new() },
         repeats: Vec::new(),
         own_noise: Vec::new(),
+        points: Vec::new(),
+        campaign: experiment.campaign.is_some(),
         multisines: Vec::new(),
     };
     recorder.about(&experiment.cell.name, experiment.cell.capacity_c);
@@ -65,14 +67,19 @@ pub(super) async fn drive(
         executor.recorder.json("correction.json", &correction)?;
         executor.correction = correction;
     }
-    let mut drive = Drive { executor, experiment, plan: plan.plan(), past, measured, spectra: BTreeMap::new() };
+    let mut drive = Drive { executor, experiment, plan: plan.plan(), past, measured, settled: BTreeMap::new() };
     drive.restore()?;
     drive.play().await?;
-    let Drive { executor, mut measured, mut spectra, .. } = drive;
-    if let Some((_, spectrum)) = spectra.pop_first() {
-        measured.spectrum = spectrum;
+    let Drive { executor, mut measured, settled, .. } = drive;
+    for (place, Settled { points, spectrum, own_noise }) in settled.into_values().enumerate() {
+        if place == 0 {
+            measured.spectrum = spectrum;
+        } else {
+            measured.repeats.push(spectrum);
+        }
+        measured.points.push(points);
+        measured.own_noise.push(own_noise);
     }
-    measured.repeats = spectra.into_values().collect();
     if !measured.spectrum.points.is_empty() {
         dataset::write_spectrum_parquet(&executor.recorder.path("spectrum.parquet"), &measured.spectrum.points)
             .map_err(crate::record::RecordError::from)?;
@@ -86,8 +93,8 @@ struct Drive<'a, 'b> {
     plan: &'b Plan,
     past: Option<&'b Past>,
     measured: Measured,
-    /// Corrected sweeps of the cell, by their numbers.
-    spectra: BTreeMap<usize, Spectrum>,
+    /// Sweeps of the cell, by their numbers.
+    settled: BTreeMap<usize, Settled>,
 }
 
 impl<'a, 'b> Drive<'a, 'b> {
@@ -151,6 +158,8 @@ impl<'a, 'b> Drive<'a, 'b> {
         }
         let mut order = Wishes::read(self.executor.recorder.folder()).order;
         order.splice(0..0, run);
+        // What is not named comes as it is planned, whatever was wanted before.
+        left.sort_unstable();
         // The controls come before every run.
         let controls = left.iter().take_while(|number| self.run_of(**number).is_none()).count();
         wishes::reorder(&mut left[controls..], &order, |number| self.plan.stages.get(*number).and_then(Stage::run));
@@ -202,15 +211,10 @@ impl<'a, 'b> Drive<'a, 'b> {
     }
 
     /// What follows from a whole sweep. `restored`: it was told before.
-    fn finish(
-        &mut self,
-        (fixture, repeat): (Fixture, usize),
-        Settled { points, spectrum, own_noise }: Settled,
-        restored: bool,
-    ) -> Result<(), Failure> {
+    fn finish(&mut self, (fixture, repeat): (Fixture, usize), settled: Settled, restored: bool) -> Result<(), Failure> {
+        let points = settled.points.clone();
         if fixture == Fixture::Cell {
-            self.spectra.insert(repeat, spectrum);
-            self.measured.own_noise.push(own_noise);
+            self.settled.insert(repeat, settled);
         }
         let tell = |recorder: &mut Recorder, text: &str| if restored { Ok(()) } else { recorder.event(text) };
         if repeat == 0 {

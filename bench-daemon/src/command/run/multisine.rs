@@ -25,6 +25,9 @@ pub struct MultisineRun {
     pub spectrum: Spectrum,
     /// Its lines.
     pub lines: Vec<Line>,
+    /// V/div of channels 1…4 at each line.
+    #[serde(default)]
+    pub volts_per_div: Vec<[f64; 4]>,
     /// Bench time that it took with all that belongs to it, s.
     pub took_s: f64,
 }
@@ -52,7 +55,8 @@ pub(super) async fn measure(
     dataset::write_spectrum_parquet(&executor.recorder.path(&named("multisine.parquet", repeat)), &corrected)
         .map_err(crate::record::RecordError::from)?;
     let spectrum = Spectrum { name: experiment.name.clone(), points: corrected };
-    let run = MultisineRun { spectrum, lines: std::mem::take(&mut executor.lines), took_s };
+    let volts_per_div = points.iter().map(|point| point.volts_per_div).collect();
+    let run = MultisineRun { spectrum, lines: std::mem::take(&mut executor.lines), volts_per_div, took_s };
     executor.recorder.json(&named("multisine.json", repeat), &run)?;
     let entry = entry(executor, (stage, repeat), (start_s, measured));
     executor.recorder.sweep(entry)?;

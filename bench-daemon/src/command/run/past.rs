@@ -45,7 +45,7 @@ impl Past {
         if story.ended.as_deref() == Some(FINISHED) {
             return Err(usage("expected a run that was interrupted, found one that is finished".to_owned()));
         }
-        let experiment = experiment(folder, &story.started)?;
+        let experiment = begun_experiment(folder, &story.started)?;
         let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
         same_plan(&story.started, plan.plan()).map_err(usage)?;
         let index = std::fs::read_to_string(folder.join("traces.json")).unwrap_or_default();
@@ -114,8 +114,11 @@ impl Run<'_> {
     }
 }
 
-/// The experiment from the copies in the run folder.
-fn experiment(folder: &Path, started: &Started) -> Result<Experiment, Failure> {
+/// The experiment that a run began with, from the copies in its folder.
+///
+/// # Errors
+/// Another version of the program; a copy that is not what it was.
+pub(crate) fn begun_experiment(folder: &Path, started: &Started) -> Result<Experiment, Failure> {
     let usage = |path: &Path, text: String| Failure::Usage(format!("{}: {text}", path.display()));
     let version = env!("CARGO_PKG_VERSION");
     if started.version != version {

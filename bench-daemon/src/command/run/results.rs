@@ -1,9 +1,12 @@
 //! What is made of a finished run: fits, model files, plots, the report, and a summary for the terminal.
 
+mod beside;
 mod campaign;
 mod ocv;
+mod ranges;
 mod records;
 mod report;
+mod validity;
 
 use analysis::{
     budget::Budget,
@@ -26,14 +29,17 @@ const SAME_AMPLITUDE: f64 = 0.1;
 /// # Errors
 /// A fit that cannot be made; a file that cannot be written.
 pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Result<String, Failure> {
-    let ocv = ocv::write(recorder, experiment)?;
-    let text = evaluate(recorder, experiment, measured)?;
+    let mut shown = beside::write(recorder, measured)?;
+    let ocv = ocv::write(recorder, experiment, &mut shown)?;
+    ranges::warn(recorder, measured)?;
+    let text = evaluate(recorder, experiment, (measured, shown))?;
     Ok(text.replacen("\nrun folder:", &format!("{ocv}\nrun folder:"), 1))
 }
 
 /// What follows from the sweeps of the cell.
-fn evaluate(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Result<String, Failure> {
+fn evaluate(recorder: &mut Recorder, experiment: &Experiment, (measured, shown): (&Measured, beside::Shown)) -> Result<String, Failure> {
     if measured.spectrum.points.is_empty() {
+        report::without_sweeps(recorder, experiment, (measured, shown))?;
         return Ok(summary(recorder, experiment, measured, (&[], None, None)));
     }
     let fits = fit_orders(recorder, experiment, measured);
@@ -48,15 +54,19 @@ fn evaluate(recorder: &mut Recorder, experiment: &Experiment, measured: &Measure
         let raw = fixture_check::raw_points(&experiment.bench, points);
         dataset::write_spectrum_parquet(&recorder.path(&format!("raw_{name}.parquet")), &raw).map_err(crate::record::RecordError::from)?;
     }
-    range_warnings(recorder, measured);
     let cell = measured.sweeps.get(crate::plan::fixture_name(Fixture::Cell)).map_or(&[][..], Vec::as_slice);
     let budget = Budget::new(&measured.correction, cell.iter().map(|point| &point.phasors));
     recorder.text("budget.csv", &budget.to_csv())?;
     recorder.json("budget.json", &budget)?;
-    let told =
-        experiment.campaign.as_ref().map(|campaign| campaign::write(recorder, experiment, campaign, (measured, &fits))).transpose()?;
-    let text = told.as_ref().map(|told| told.text.clone());
-    report::write(recorder, experiment, measured, (&fits, &budget, told))?;
+    let judged = validity::judge(measured, experiment.bench.wiring.shunt.r_ohm);
+    let campaign = experiment.campaign.as_ref();
+    let told = campaign.map(|campaign| campaign::write(recorder, experiment, campaign, (measured, &fits, &judged))).transpose()?;
+    let mut text = told.as_ref().map(|told| told.text.clone());
+    if judged.len() > 1 {
+        let verdict = validity::verdict(&judged).text;
+        text = Some(text.map_or_else(|| verdict.clone(), |text| format!("{text}\n{verdict}")));
+    }
+    report::write(recorder, experiment, measured, report::Found { fits: &fits, budget: &budget, judged: &judged, told, shown })?;
     Ok(summary(recorder, experiment, measured, (&fits, Some(&budget), text.as_deref())))
 }
 
@@ -102,27 +112,6 @@ fn linearity_in_words(measured: &Measured) -> Option<(bool, String)> {
     Some((worst.is_none(), text))
 }
 
-/// A gain belongs to a range: a correction measured on one range does not hold on another.
-fn range_warnings(recorder: &mut Recorder, measured: &Measured) {
-    let Some(cell) = measured.sweeps.get(crate::plan::fixture_name(Fixture::Cell)) else { return };
-    for control in ["shunt", "fake_cell", "short"] {
-        let Some(points) = measured.sweeps.get(control) else { continue };
-        for (point, reference) in cell.iter().zip(points) {
-            let other = |slot: &usize| (point.volts_per_div[*slot] / reference.volts_per_div[*slot] - 1.0).abs() > 1.0e-3;
-            if let Some(slot) = (0..4).find(other) {
-                recorder.warning(&format!(
-                    "channel {} measured the cell at {} V/div and the {control} at {} V/div from {:.4} Hz on: the correction assumes equal gain",
-                    slot + 1,
-                    point.volts_per_div[slot],
-                    reference.volts_per_div[slot],
-                    point.phasors.freq_hz
-                ));
-                break;
-            }
-        }
-    }
-}
-
 fn summary(
     recorder: &Recorder,
     experiment: &Experiment,
@@ -136,10 +125,11 @@ fn summary(
     }
     lines.extend(fixture_check::believed_in_words(&measured.controls));
     lines.push(String::new());
+    let first_of = measured.first_of_several().map_or_else(String::new, |name| format!("{name}: "));
     if let (Some(first), Some(last)) = (measured.spectrum.points.first(), measured.spectrum.points.last()) {
         for point in [first, last] {
             lines.push(format!(
-                "|Z| at {:>8.3} Hz: {:.4} ± {:.4} mΩ, phase {:+.2}°",
+                "{first_of}|Z| at {:>8.3} Hz: {:.4} ± {:.4} mΩ, phase {:+.2}°",
                 point.freq_hz,
                 1.0e3 * point.magnitude_ohm(),
                 2.0e3 * point.magnitude_sigma_ohm(),
@@ -149,7 +139,7 @@ fn summary(
     }
     lines.extend(measured.multisines.iter().map(super::multisine::in_words));
     lines.extend(linearity_in_words(measured).map(|(_, text)| text));
-    lines.extend(budget.map(Budget::in_words).into_iter().flatten());
+    lines.extend(budget.map(Budget::in_words).into_iter().flatten().map(|line| format!("{first_of}{line}")));
     lines.extend(campaign.map(str::to_owned));
     lines.push(String::new());
     for fit in fits {
@@ -172,7 +162,7 @@ fn summary(
     }
     lines.push(String::new());
     lines.push(format!("run folder: {}", recorder.folder().display()));
-    if budget.is_some() {
+    if recorder.path("report.html").exists() {
         lines.push(format!("report:     {}", recorder.path("report.html").display()));
     }
     lines.join("\n") + "\n"

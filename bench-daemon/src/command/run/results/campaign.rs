@@ -12,10 +12,13 @@ use serde::Serialize;
 use crate::{
     command::{Failure, run::Measured},
     config::{Campaign, Experiment},
+    executor::SOC_MISSED,
     plan::Specimen,
     present::significant,
     record::Recorder,
 };
+
+use super::validity::Judged;
 
 /// Name of the schema of `campaign.json`.
 const SCHEMA: &str = "eis-bench/campaign";
@@ -55,6 +58,12 @@ struct RunRow {
     start_time_s: f64,
     start_ocv_v: Option<f64>,
     temperature_c: Option<f64>,
+    /// Kramers–Kronig, Z-HIT, harmonics and drift.
+    validity: String,
+    /// The state of charge is not the one that was asked for.
+    soc_missed: bool,
+    /// What was odd about it.
+    notes: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -90,9 +99,9 @@ pub(super) fn write(
     recorder: &Recorder,
     experiment: &Experiment,
     campaign: &Campaign,
-    (measured, fits): (&Measured, &[ErmFit]),
+    (measured, fits, judged): (&Measured, &[ErmFit], &[Judged]),
 ) -> Result<Told, Failure> {
-    let spectra: Vec<&Spectrum> = std::iter::once(&measured.spectrum).chain(&measured.repeats).collect();
+    let spectra: Vec<&Spectrum> = measured.spectra().collect();
     let cell_of = |spectrum: &Spectrum| campaign.runs().find(|run| run.name() == spectrum.name).map_or(0, |run| run.cell.number);
     let cells: Vec<(usize, &Spectrum)> = spectra.iter().map(|spectrum| (cell_of(spectrum), *spectrum)).collect();
     let spread = spread(&cells);
@@ -110,7 +119,7 @@ pub(super) fn write(
         name: &experiment.name,
         cells: campaign.cells.iter().map(AsRef::as_ref).collect(),
         repeats: campaign.repeats,
-        runs: runs(recorder, campaign),
+        runs: runs(recorder, campaign, judged),
         models: models.collect(),
         spread: &spread,
     };
@@ -125,10 +134,13 @@ pub(super) fn write(
     Ok(Told { figure, table: table(&spread), text: in_words(campaign, spectra.len(), &spread) })
 }
 
-fn runs(recorder: &Recorder, campaign: &Campaign) -> Vec<RunRow> {
+fn runs(recorder: &Recorder, campaign: &Campaign, judged: &[Judged]) -> Vec<RunRow> {
+    let warnings = recorder.warnings();
     let row = |run: crate::config::CampaignRun| {
         let file = format!("spectra/{}.csv", run.name());
         let entry = recorder.index().sweeps.iter().find(|entry| entry.file == file)?;
+        let prefix = run.prefix();
+        let notes: Vec<String> = warnings.iter().filter_map(|warning| warning.strip_prefix(&prefix)).map(str::to_owned).collect();
         Some(RunRow {
             number: run.number,
             cell: run.cell.name.clone(),
@@ -137,6 +149,9 @@ fn runs(recorder: &Recorder, campaign: &Campaign) -> Vec<RunRow> {
             start_time_s: entry.start_time_s,
             start_ocv_v: entry.start_ocv_v,
             temperature_c: entry.temperature_c,
+            validity: judged.iter().find(|one| one.name == run.name()).map_or_else(|| "not tested".to_owned(), Judged::grade),
+            soc_missed: notes.iter().any(|note| note.starts_with(SOC_MISSED)),
+            notes,
         })
     };
     campaign.runs().filter_map(row).collect()

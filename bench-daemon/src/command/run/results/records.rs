@@ -1,9 +1,8 @@
 //! What the records of the cell say about its linearity and its drift, point by point.
 
 use analysis::{
-    budget::{Budget, Cause},
     report::Table,
-    spectrum::{Covariance2, ImpedancePoint, Spectrum, raw_impedance},
+    spectrum::{ImpedancePoint, raw_impedance},
     validity::{Drift, DriftShape, Harmonic, Record},
 };
 use num_complex::Complex64;
@@ -21,19 +20,6 @@ pub(super) fn records(points: &[SweepPoint], shunt_ohm: f64) -> Vec<Record> {
     let mut sweep: Vec<ImpedancePoint> = points.iter().map(|point| raw_impedance(&point.phasors, shunt_ohm)).collect();
     sweep.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
     points.iter().map(|point| record(point, &sweep, shunt_ohm)).collect()
-}
-
-/// The spectrum with the noise, rounding and drift of its own records only. What the correction leaves uncertain is common to all points: to take it for
-/// independent noise of each would hide whatever a poor correction is larger than.
-pub(super) fn with_own_noise(spectrum: &Spectrum, budget: &Budget) -> Spectrum {
-    let own = |parts: &[(Cause, Covariance2)]| {
-        parts.iter().filter(|(cause, _)| !matches!(cause, Cause::Correction(_))).map(|(_, part)| *part).sum::<Covariance2>()
-    };
-    let point = |point: &ImpedancePoint| {
-        let found = budget.points.iter().find(|known| known.point.freq_hz == point.freq_hz);
-        ImpedancePoint { covariance: found.map_or(point.covariance, |known| own(&known.parts)), ..*point }
-    };
-    Spectrum { name: spectrum.name.clone(), points: spectrum.points.iter().map(point).collect() }
 }
 
 fn record(point: &SweepPoint, sweep: &[ImpedancePoint], shunt_ohm: f64) -> Record {
@@ -68,8 +54,8 @@ fn between(sweep: &[ImpedancePoint], freq_hz: f64) -> Complex64 {
     }
 }
 
-/// The records as a table of the report.
-pub(super) fn table(records: &[Record]) -> Table {
+/// The records as a table of the report; `of` names their sweep where there are several.
+pub(super) fn table(records: &[Record], of: &str) -> Table {
     let words = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
     let harmonic = |record: &Record, order: u32| {
         let found = record.harmonics.iter().find(|harmonic| harmonic.order == order);
@@ -82,8 +68,9 @@ pub(super) fn table(records: &[Record]) -> Table {
         vec![significant(record.freq_hz, 6), harmonic(record, 2), harmonic(record, 3), third, drift]
     };
     Table {
-        caption: "What the cell's records show besides the sine (without what the current's harmonics explain), and what it may do to Z"
-            .to_owned(),
+        caption: format!(
+            "What the cell's records show besides the sine{of} (without what the current's harmonics explain), and what it may do to Z"
+        ),
         header: words(&[
             "f / Hz",
             "2nd harmonic / % of U",
@@ -99,10 +86,7 @@ pub(super) fn table(records: &[Record]) -> Table {
 mod tests {
     use super::*;
     use crate::executor::{Bend, Beside};
-    use analysis::{
-        calibration::{Correction, KnownImpedance},
-        spectrum::{ChannelPhasors, PhasorVariance},
-    };
+    use analysis::spectrum::{ChannelPhasors, PhasorVariance};
     use instruments::mock::plant::Fixture;
 
     const SHUNT_OHM: f64 = 0.01;
@@ -145,7 +129,7 @@ mod tests {
         // 0.2 mV of 20 mV; √(2 + 2·1.5²) µV of 20 mV.
         assert!((third.ratio - 0.01).abs() < 1.0e-9 && third.is_significant(), "{third:?}");
         assert!((second.sigma - 6.5_f64.sqrt() * 5.0e-5).abs() < 1.0e-9, "{second:?}");
-        let rows = table(&found).rows;
+        let rows = table(&found, "").rows;
         assert_eq!(rows[0][2..], ["1.000 ± 0.011", "3.000", "none seen"]);
         assert_eq!(rows[1][1..], ["–", "–", "none seen", "none seen"]);
     }
@@ -159,20 +143,5 @@ mod tests {
         points[0].beside.bend = Some(Bend { volts: -0.004, sigma_v: 0.0009, periods: 5.0 });
         let found = drift(&points).unwrap();
         assert!((found.over_amplitude + 0.2).abs() < 1.0e-9 && found.periods == 5.0 && found.shape == DriftShape::Bend, "{found:?}");
-    }
-
-    #[test]
-    fn the_correction_is_no_noise_of_a_point() {
-        let points = sweep();
-        // Nothing is corrected: the shunt is known to 1 %, and so is the spectrum.
-        let correction = Correction::none(KnownImpedance { r_ohm: SHUNT_OHM, r_sigma_ohm: 0.01 * SHUNT_OHM, l_h: 0.0, l_sigma_h: 0.0 });
-        let budget = Budget::new(&correction, points.iter().map(|point| &point.phasors));
-        let total = Spectrum { name: "cell".into(), points: budget.points.iter().map(|point| point.point).collect() };
-        let own = with_own_noise(&total, &budget);
-        assert!(total.points[0].covariance.re_re.sqrt() > 1.0e-4, "{total:?}");
-        // √2 µV over 1 A for the voltage; the current's √2 µV over 10 mV of 20 mΩ.
-        let sigma = 2.0_f64.sqrt() * 1.0e-6 * 1.0_f64.hypot(2.0);
-        assert!((own.points[0].covariance.re_re.sqrt() / sigma - 1.0).abs() < 0.05, "{own:?}, expected {sigma}");
-        assert_eq!(own.points[0].z_ohm, total.points[0].z_ohm);
     }
 }

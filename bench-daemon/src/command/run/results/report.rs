@@ -3,24 +3,26 @@
 use analysis::{
     budget::Budget,
     fit::ErmFit,
-    plot::{self, ImpedancePlot, PlotError, Series},
+    plot::{self, ImpedancePlot, PlotError, Series, SeriesStyle},
     report::{Figure, Level, Report, Table, Verdict},
     spectrum::{ImpedancePoint, Spectrum},
 };
+use num_complex::Complex64;
 
-use instruments::mock::plant::Fixture;
-
-use super::{campaign::Told, records};
+use super::{
+    beside::{Shown, draw},
+    campaign::Told,
+    records,
+    validity::{self, Judged},
+};
 use crate::{
     command::{
-        Failure,
+        Failure, files,
         fit::{bode_plot, model_curves},
-        kk,
         run::Measured,
     },
     config::Experiment,
     fixture_check,
-    plan::fixture_name,
     present::{branches_table, fit_warnings, models_table, significant},
     record::Recorder,
 };
@@ -28,72 +30,133 @@ use crate::{
 /// A reduced χ² above this says that the model leaves something out.
 const GOOD_CHI2: f64 = 2.0;
 
-pub(super) fn write(
+/// What was found of the sweeps of the cell.
+pub(super) struct Found<'a> {
+    /// Models of all sweeps alike.
+    pub(super) fits: &'a [ErmFit],
+    /// The uncertainty of the first sweep.
+    pub(super) budget: &'a Budget,
+    /// What is to be thought of each sweep.
+    pub(super) judged: &'a [Judged],
+    /// What a campaign adds.
+    pub(super) told: Option<Told>,
+    /// What was measured besides.
+    pub(super) shown: Shown,
+}
+
+/// The page of a run that swept the cell.
+pub(super) fn write(recorder: &Recorder, experiment: &Experiment, measured: &Measured, found: Found<'_>) -> Result<(), Failure> {
+    let Found { fits, budget, judged, told, shown } = found;
+    let (mut figures, mut tables) = (Vec::new(), Vec::new());
+    tables.extend(validity::table(experiment.campaign.as_ref(), judged));
+    if let Some(Told { figure, table, .. }) = told {
+        figures.push(figure);
+        tables.push(table);
+    }
+    figures.extend(models_figures(recorder, experiment, (measured, fits))?);
+    let first = measured.first_of_several();
+    let of = first.as_ref().map_or_else(String::new, |name| format!(" of {name}"));
+    let titled = first.as_ref().map_or_else(String::new, |name| format!(", {name}"));
+    let chart = budget.chart(&format!("Uncertainty budget, {}{titled}", experiment.cell.name));
+    let caption = format!("Where the uncertainty of the corrected spectrum{of} comes from; the parts add up in squares.");
+    figures.push(draw(recorder, "budget", (&chart, caption))?);
+    figures.extend(validity::pictures(measured, judged)?);
+    figures.extend(shown.figures);
+    let mut verdicts = verdicts(recorder, measured);
+    verdicts.insert(0, validity::verdict(judged));
+    verdicts.extend(described(experiment, measured, fits));
+    verdicts.extend(noted(recorder, fits));
+    let points = measured.points.first().map_or(&[][..], Vec::as_slice);
+    let records = records::table(&records::records(points, experiment.bench.wiring.shunt.r_ohm), &of);
+    let tables = model_tables(experiment, fits)
+        .into_iter()
+        .chain(tables)
+        .chain([spectrum_table(measured, &of), harness_table(measured), budget_table(budget, &of), records])
+        .chain(shown.tables);
+    page(recorder, experiment, (verdicts, figures, tables.collect()))
+}
+
+/// The page of a run that swept nothing, or controls only.
+pub(super) fn without_sweeps(recorder: &Recorder, experiment: &Experiment, (measured, shown): (&Measured, Shown)) -> Result<(), Failure> {
+    let mut figures = shown.figures;
+    let mut tables = shown.tables;
+    if !measured.controls.is_empty() {
+        figures.push(nyquist(recorder, controls_plot(experiment, measured))?);
+        tables.push(harness_table(measured));
+    }
+    let mut verdicts = verdicts(recorder, measured);
+    verdicts.extend(noted(recorder, &[]));
+    page(recorder, experiment, (verdicts, figures, tables))
+}
+
+fn page(
     recorder: &Recorder,
     experiment: &Experiment,
-    measured: &Measured,
-    (fits, budget, campaign): (&[ErmFit], &Budget, Option<Told>),
+    (verdicts, figures, tables): (Vec<Verdict>, Vec<Figure>, Vec<Table>),
 ) -> Result<(), Failure> {
-    let drawn = |error: PlotError| Failure::Analysis(error.to_string());
-    let spectra = std::slice::from_ref(&measured.spectrum);
-    let mut figures = Vec::new();
-    let mut spread = None;
-    if let Some(Told { figure, table, .. }) = campaign {
-        figures.push(figure);
-        spread = Some(table);
-    }
-    for (name, caption, plot) in plots(experiment, measured, fits) {
-        for extension in ["svg", "png"] {
-            plot::nyquist(&plot, &recorder.path(&format!("plots/{name}.{extension}"))).map_err(drawn)?;
-        }
-        figures.push(Figure { svg: plot::nyquist_svg(&plot).map_err(drawn)?, caption });
-    }
-    let bode = bode_plot(&format!("Bode plot, {}", experiment.cell.name), spectra, fits);
-    for extension in ["svg", "png"] {
-        plot::bode(&bode, &recorder.path(&format!("plots/bode.{extension}"))).map_err(drawn)?;
-    }
-    let caption = "Magnitude and phase over frequency: the corrected spectrum with 2σ, and the fitted models.".to_owned();
-    figures.push(Figure { svg: plot::bode_svg(&bode).map_err(drawn)?, caption });
-    let chart = budget.chart(&format!("Uncertainty budget, {}", experiment.cell.name));
-    for extension in ["svg", "png"] {
-        plot::chart(&chart, &recorder.path(&format!("plots/budget.{extension}"))).map_err(drawn)?;
-    }
-    let caption = "Where the uncertainty of the corrected spectrum comes from; the parts add up in squares.".to_owned();
-    figures.push(Figure { svg: plot::chart_svg(&chart).map_err(drawn)?, caption });
-    let cell = measured.sweeps.get(fixture_name(Fixture::Cell)).map_or(&[][..], Vec::as_slice);
-    let records = records::records(cell, experiment.bench.wiring.shunt.r_ohm);
-    let tested = records::with_own_noise(&measured.spectrum, budget);
-    let (validity, pictures) = kk::in_report(&measured.spectrum, &tested, &records)?;
-    figures.extend(pictures);
-    let mut verdicts = verdicts(recorder, measured, fits);
-    verdicts.insert(0, validity);
-    let report = Report {
-        title: format!("{}: {} on bench {}", experiment.name, experiment.cell.name, experiment.bench.name),
-        verdicts,
-        figures,
-        tables: tables(experiment, measured, (fits, budget)).into_iter().chain([records::table(&records)]).chain(spread).collect(),
-        provenance: provenance(experiment),
-    };
+    let title = format!("{}: {} on bench {}", experiment.name, experiment.cell.name, experiment.bench.name);
+    let report = Report { title, verdicts, figures, tables, provenance: provenance(experiment) };
     let html = report.to_html().map_err(|error| Failure::Analysis(error.to_string()))?;
     Ok(recorder.text("report.html", &html)?)
 }
 
+/// A Nyquist plot, by name, caption and plot, as files and as a figure.
+fn nyquist(recorder: &Recorder, (name, caption, plot): (String, String, ImpedancePlot)) -> Result<Figure, Failure> {
+    files::write_picture(&recorder.path("plots"), &name, |path| plot::nyquist(&plot, path))?;
+    Ok(Figure { svg: plot::nyquist_svg(&plot).map_err(drawn)?, caption })
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "what map_err hands over")]
+fn drawn(error: PlotError) -> Failure {
+    Failure::Analysis(error.to_string())
+}
+
+/// The models against all that they were fitted to.
+fn models_figures(recorder: &Recorder, experiment: &Experiment, (measured, fits): (&Measured, &[ErmFit])) -> Result<Vec<Figure>, Failure> {
+    let pool: Vec<Spectrum> = super::alike(measured).into_iter().cloned().collect();
+    let mut figures = Vec::new();
+    for plot in plots(experiment, measured, (&pool, fits)) {
+        figures.push(nyquist(recorder, plot)?);
+    }
+    let bode = bode_plot(&format!("Bode plot, {}", whose(experiment)), &pool, fits);
+    files::write_picture(&recorder.path("plots"), "bode", |path| plot::bode(&bode, path))?;
+    let caption = match pool.len() {
+        0 | 1 => "Magnitude and phase over frequency: the corrected spectrum with 2σ, and the fitted models.".to_owned(),
+        count => format!("Magnitude and phase over frequency: {count} corrected spectra, and the models fitted to all of them together."),
+    };
+    figures.push(Figure { svg: plot::bode_svg(&bode).map_err(drawn)?, caption });
+    Ok(figures)
+}
+
+/// The cell, and how many there are of it.
+fn whose(experiment: &Experiment) -> String {
+    let cells = experiment.campaign.as_ref().map_or(1, |campaign| campaign.cells.len());
+    if cells > 1 { format!("{}, {cells} cells", experiment.cell.name) } else { experiment.cell.name.clone() }
+}
+
 /// Nyquist plots: name, caption, plot.
-fn plots(experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> Vec<(String, String, ImpedancePlot)> {
-    let spectra = std::slice::from_ref(&measured.spectrum);
+fn plots(experiment: &Experiment, measured: &Measured, (pool, fits): (&[Spectrum], &[ErmFit])) -> Vec<(String, String, ImpedancePlot)> {
     let subtitle = format!("{} A, corrected by the control impedances", amplitude_a(experiment));
-    let data = Series::data(&measured.spectrum, 0).labelled(Some("measured, 2σ"));
-    let title = format!("Nyquist plot, {}", experiment.cell.name);
-    let all = std::iter::once(data.clone()).chain(model_curves(spectra, fits)).collect();
+    let (data, to): (Vec<Series>, String) = if let [only] = pool {
+        (vec![Series::data(only, 0).labelled(Some("measured, 2σ"))], String::new())
+    } else {
+        let label = format!("measured, {} spectra", pool.len());
+        let light = |(index, spectrum): (usize, &Spectrum)| {
+            Series::data(spectrum, 0).styled(SeriesStyle::Cloud).labelled((index == 0).then_some(label.as_str()))
+        };
+        (pool.iter().enumerate().map(light).collect(), format!(", fitted to {} spectra together", pool.len()))
+    };
+    let title = format!("Nyquist plot, {}", whose(experiment));
+    let all = data.iter().cloned().chain(model_curves(pool, fits)).collect();
     let mut plots = vec![(
         "nyquist".to_owned(),
-        "The cell and the fitted models; both axes have the same scale.".to_owned(),
+        format!("The cell and the models{to}; both axes have the same scale."),
         ImpedancePlot::new(&title, &subtitle, all),
     )];
-    for (fit, curve) in fits.iter().zip(model_curves(spectra, fits)) {
+    for (fit, curve) in fits.iter().zip(model_curves(pool, fits)) {
         let rc = fit.erm.branches.len();
-        let plot = ImpedancePlot::new(&format!("{title}, {rc} RC"), &subtitle, vec![data.clone(), curve]);
-        plots.push((format!("nyquist_fit_{rc}rc"), format!("The model with {rc} RC."), plot));
+        let plot = ImpedancePlot::new(&format!("{title}, {rc} RC"), &subtitle, data.iter().cloned().chain([curve]).collect());
+        plots.push((format!("nyquist_fit_{rc}rc"), format!("The model with {rc} RC{to}."), plot));
     }
     if !measured.controls.is_empty() {
         plots.push(controls_plot(experiment, measured));
@@ -123,44 +186,104 @@ fn amplitude_a(experiment: &Experiment) -> f64 {
     experiment.eis.as_ref().map_or(0.0, |eis| eis.amplitude_a)
 }
 
-fn verdicts(recorder: &Recorder, measured: &Measured, fits: &[ErmFit]) -> Vec<Verdict> {
+/// Controls, linearity, multisines.
+fn verdicts(recorder: &Recorder, measured: &Measured) -> Vec<Verdict> {
     let level = |passed: bool| if passed { Level::Good } else { Level::Bad };
     let mut verdicts = Vec::new();
     for control in &measured.controls {
         verdicts.push(Verdict { level: level(control.raw.passed), text: format!("{}, as read: {}", control.control, control.raw.text) });
-        verdicts.extend(
-            control
-                .corrected
-                .iter()
-                .map(|verdict| Verdict { level: level(verdict.passed), text: format!("{}, corrected: {}", control.control, verdict.text) }),
-        );
+        if let Some(verdict) = &control.corrected {
+            verdicts.push(Verdict { level: level(verdict.passed), text: format!("{}, corrected: {}", control.control, verdict.text) });
+        }
     }
     verdicts.extend(fixture_check::believed_in_words(&measured.controls).map(|text| Verdict { level: Level::Note, text }));
     let verdict = |(linear, text)| Verdict { level: if linear { Level::Good } else { Level::Note }, text };
     verdicts.extend(super::linearity_in_words(measured).map(verdict));
     verdicts
         .extend(measured.multisines.iter().map(|run| Verdict { level: Level::Note, text: crate::command::run::multisine::in_words(run) }));
-    if measured.controls.is_empty() {
+    let through_channels = measured.spectra().next().is_some() || !measured.multisines.is_empty() || !recorder.index().traces.is_empty();
+    if measured.controls.is_empty() && through_channels {
         let text =
-            "No control impedance was measured: the spectrum is as read, its uncertainty includes what a bench may be off.".to_owned();
+            "No control impedance was measured: everything is as read, and its uncertainty includes what a bench may be off.".to_owned();
         verdicts.push(Verdict { level: Level::Bad, text });
     }
-    if let Some((chi2, fit)) = fits.iter().filter_map(|fit| Some((fit.reduced_chi2?, fit))).min_by(|a, b| a.0.total_cmp(&b.0)) {
-        let rc = fit.erm.branches.len();
-        let text = if chi2 <= GOOD_CHI2 {
-            format!("The model with {rc} RC describes the spectrum within its uncertainty (reduced χ² {chi2:.2}).")
-        } else {
-            format!("No order describes the spectrum within its uncertainty; the best, {rc} RC, has a reduced χ² of {chi2:.1}.")
-        };
-        verdicts.push(Verdict { level: if chi2 <= GOOD_CHI2 { Level::Good } else { Level::Note }, text });
-    }
-    verdicts.extend(recorder.warnings().iter().map(|warning| Verdict { level: Level::Note, text: warning.clone() }));
-    verdicts.extend(fit_warnings(fits));
     verdicts
 }
 
-fn tables(experiment: &Experiment, measured: &Measured, (fits, budget): (&[ErmFit], &Budget)) -> Vec<Table> {
-    let words = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
+/// What was odd, in the run and in the fits.
+fn noted(recorder: &Recorder, fits: &[ErmFit]) -> Vec<Verdict> {
+    let odd = recorder.warnings().into_iter().map(|text| Verdict { level: Level::Note, text });
+    odd.chain(fit_warnings(fits)).collect()
+}
+
+/// Whether a model describes what it was fitted to; of several spectra, what it leaves.
+fn described(experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> Option<Verdict> {
+    let known = fits.iter().filter_map(|fit| Some((fit.reduced_chi2?, fit)));
+    let (chi2, fit) = known.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let (rc, pool) = (fit.erm.branches.len(), super::alike(measured));
+    let (what, its) = match pool.len() {
+        0 | 1 => ("the spectrum".to_owned(), "its"),
+        count => (format!("the {count} spectra"), "their"),
+    };
+    if chi2 <= GOOD_CHI2 {
+        let text = format!("The model with {rc} RC describes {what} within {its} uncertainty (reduced χ² {chi2:.2}).");
+        return Some(Verdict { level: Level::Good, text });
+    }
+    let mut text = format!("No order describes {what} within {its} uncertainty; the best, {rc} RC, has a reduced χ² of {chi2:.1}.");
+    if pool.len() > 1 {
+        let cells = experiment.campaign.as_ref().is_some_and(|campaign| campaign.cells.len() > 1);
+        text.push_str(&left(fit.rms_ohm, scatter_ohm(&pool), if cells { "cells" } else { "repeats" }));
+    }
+    Some(Verdict { level: Level::Note, text })
+}
+
+/// What is left of a fit to several spectra: how they differ from their mean, and what the model misses of the mean; rms, Ω.
+fn left(rms_ohm: f64, scatter_ohm: f64, among: &str) -> String {
+    let micro = |ohms: f64| significant(1.0e6 * ohms, 3);
+    let missed_ohm = (rms_ohm.powi(2) - scatter_ohm.powi(2)).max(0.0).sqrt();
+    let (all, scatter, missed) = (micro(rms_ohm), micro(scatter_ohm), micro(missed_ohm));
+    if scatter_ohm > missed_ohm {
+        format!(" What is left, {all} µΩ rms, is the spread between the {among}, {scatter} µΩ; of their mean the model misses {missed} µΩ.")
+    } else {
+        format!(
+            " Of what is left, {all} µΩ rms, the spread between the {among} makes {scatter} µΩ; of their mean the model misses {missed} µΩ."
+        )
+    }
+}
+
+/// How far spectra are from their mean, root mean square over all points, Ω.
+fn scatter_ohm(pool: &[&Spectrum]) -> f64 {
+    let (mut squares, mut count) = (0.0, 0_u32);
+    for point in pool.iter().flat_map(|spectrum| &spectrum.points) {
+        let same = |spectrum: &&Spectrum| spectrum.points.iter().find(|other| other.freq_hz == point.freq_hz).map(|other| other.z_ohm);
+        let all: Vec<Complex64> = pool.iter().filter_map(same).collect();
+        squares += (point.z_ohm - all.iter().sum::<Complex64>() / all.len() as f64).norm_sqr();
+        count += 1;
+    }
+    (squares / f64::from(count.max(1))).sqrt()
+}
+
+fn words(words: &[&str]) -> Vec<String> {
+    words.iter().map(|word| (*word).to_owned()).collect()
+}
+
+fn model_tables(experiment: &Experiment, fits: &[ErmFit]) -> [Table; 3] {
+    let (series, parallel) = (experiment.cell.series, experiment.cell.parallel);
+    let ratio = f64::from(series) / f64::from(parallel);
+    let row = |fit: &ErmFit| {
+        let milliohms = |ohms: f64| significant(1.0e3 * ratio * ohms, 5);
+        vec![fit.erm.branches.len().to_string(), milliohms(fit.erm.r_ohm), milliohms(fit.erm.dc_resistance_ohm())]
+    };
+    let pack = Table {
+        caption: format!("The same models for a pack of {series}S{parallel}P identical cells, without interconnect"),
+        header: words(&["RC", "R / mΩ", "DC resistance / mΩ"]),
+        rows: fits.iter().map(row).collect(),
+    };
+    [models_table(fits), branches_table(fits), pack]
+}
+
+/// `of` names the spectrum where there are several.
+fn spectrum_table(measured: &Measured, of: &str) -> Table {
     let point = |point: &ImpedancePoint| {
         vec![
             significant(point.freq_hz, 6),
@@ -171,37 +294,28 @@ fn tables(experiment: &Experiment, measured: &Measured, (fits, budget): (&[ErmFi
             format!("{:.4}", point.amplitude_a),
         ]
     };
-    let spectrum = Table {
-        caption: "Corrected spectrum (value ± one standard deviation)".to_owned(),
+    Table {
+        caption: format!("Corrected spectrum{of} (value ± one standard deviation)"),
         header: words(&["f / Hz", "Re Z / mΩ", "Im Z / mΩ", "|Z| / mΩ", "phase / °", "current / A"]),
         rows: measured.spectrum.points.iter().map(point).collect(),
+    }
+}
+
+fn budget_table(budget: &Budget, of: &str) -> Table {
+    let table = budget.table();
+    Table { caption: table.caption.replacen("Uncertainty budget", &format!("Uncertainty budget{of}"), 1), ..table }
+}
+
+fn harness_table(measured: &Measured) -> Table {
+    let parameters = measured.correction.parameters();
+    let row = |parameter: &analysis::calibration::HarnessParameter| {
+        vec![parameter.name.to_owned(), significant(parameter.value, 6), significant(parameter.sigma, 2), parameter.unit.to_owned()]
     };
-    let harness = Table {
+    Table {
         caption: "The bench as its controls show it".to_owned(),
         header: words(&["parameter", "value", "standard deviation", "unit"]),
-        rows: measured
-            .correction
-            .parameters()
-            .iter()
-            .map(|parameter| {
-                vec![parameter.name.to_owned(), significant(parameter.value, 6), significant(parameter.sigma, 2), parameter.unit.to_owned()]
-            })
-            .collect(),
-    };
-    let (series, parallel) = (experiment.cell.series, experiment.cell.parallel);
-    let ratio = f64::from(series) / f64::from(parallel);
-    let pack = Table {
-        caption: format!("The same models for a pack of {series}S{parallel}P identical cells, without interconnect"),
-        header: words(&["RC", "R / mΩ", "DC resistance / mΩ"]),
-        rows: fits
-            .iter()
-            .map(|fit| {
-                let milliohms = |ohms: f64| significant(1.0e3 * ratio * ohms, 5);
-                vec![fit.erm.branches.len().to_string(), milliohms(fit.erm.r_ohm), milliohms(fit.erm.dc_resistance_ohm())]
-            })
-            .collect(),
-    };
-    vec![models_table(fits), branches_table(fits), pack, spectrum, harness, budget.table()]
+        rows: parameters.iter().map(row).collect(),
+    }
 }
 
 fn provenance(experiment: &Experiment) -> Vec<(String, String)> {
@@ -221,4 +335,26 @@ fn provenance(experiment: &Experiment) -> Vec<(String, String)> {
     rows.extend(experiment.sources.iter().map(|source| ("file".to_owned(), source.path().display().to_string())));
     rows.push(("instruments, files' hashes".to_owned(), "manifest.json beside this page".to_owned()));
     rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use analysis::spectrum::Covariance2;
+
+    #[test]
+    fn the_spread_of_the_pool_is_told_from_what_the_model_misses() {
+        let spectrum = |re: f64| Spectrum {
+            name: String::new(),
+            points: vec![ImpedancePoint { freq_hz: 1.0, z_ohm: re.into(), covariance: Covariance2::UNKNOWN, amplitude_a: 1.0 }],
+        };
+        let all = [0.009, 0.011].map(spectrum);
+        let scatter = scatter_ohm(&all.iter().collect::<Vec<_>>());
+        assert!((scatter - 0.001).abs() < 1.0e-12, "{scatter}");
+        let text = " What is left, 1020 µΩ rms, is the spread between the cells, 1000 µΩ; of their mean the model misses 201 µΩ.";
+        assert_eq!(left(0.00102, scatter, "cells"), text);
+        assert!(
+            left(0.002, scatter, "repeats").starts_with(" Of what is left, 2000 µΩ rms, the spread between the repeats makes 1000 µΩ;")
+        );
+    }
 }
