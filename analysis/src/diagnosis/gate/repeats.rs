@@ -98,7 +98,8 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         let z = size.iter().copied().fold(0.0, f64::max);
         let far: Vec<String> =
             off.iter().zip(&size).filter(|(_, z)| **z > FAR_OFF).map(|((subject, _), _)| subject.run.name.clone()).collect();
-        if !far.is_empty() && !(z < FAR_DRIFT && drifts(off)) {
+        let drifted = z < FAR_DRIFT && drifts(off);
+        if !far.is_empty() && !drifted {
             let text = format!("it differs from its repeats by {z:.0} standard deviations of the bench's history");
             found.invalid.push(Reason { check: Check::Repeats, runs: far, text });
         }
