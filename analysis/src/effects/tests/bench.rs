@@ -80,9 +80,9 @@ fn effect(name: &str) -> &'static dyn Effect {
 }
 
 #[test]
-fn thirteen_effects_of_the_bench_have_names_of_their_own() {
+fn fourteen_effects_of_the_bench_have_names_of_their_own() {
     let names: std::collections::BTreeSet<&str> = bench().map(|e| e.card().name).collect();
-    assert_eq!((names.len(), bench().count()), (13, 13), "{names:?}");
+    assert_eq!((names.len(), bench().count()), (14, 14), "{names:?}");
 }
 
 #[test]
@@ -138,7 +138,16 @@ fn effects_that_the_data_cannot_show_have_no_parameters() {
     assert_eq!(with(&spectra), ["inductance", "inductance_lossy", "time_skew", "channel_bandwidth"]);
     assert_eq!(
         with(&records),
-        ["channel_bandwidth", "current_smoothing", "current_offset", "shunt_heating", "thermal_emf", "insufficient_rest", "clock_error"]
+        [
+            "channel_bandwidth",
+            "current_smoothing",
+            "common_gain",
+            "current_offset",
+            "shunt_heating",
+            "thermal_emf",
+            "insufficient_rest",
+            "clock_error"
+        ]
     );
 }
 
