@@ -271,8 +271,17 @@ async fn open<D: Model + ?Sized>(
     instrument: Option<&config::Instrument>,
 ) -> Result<Option<Instrument<D>>, BenchError> {
     let Some(instrument) = instrument else { return Ok(None) };
-    let dialect = by_key(dialects, &instrument.model).ok_or_else(|| BenchError::Dialect { role, model: instrument.model.clone() })?;
+    let dialect = spoken(role, dialects, instrument)?;
     Ok(Some(Instrument::new(link(connections, role, instrument, dialect.profile()).await?, dialect)))
+}
+
+/// The dialect of an instrument's model.
+fn spoken<D: Model + ?Sized>(
+    role: &'static str,
+    dialects: &[&'static D],
+    instrument: &config::Instrument,
+) -> Result<&'static D, BenchError> {
+    by_key(dialects, &instrument.model).ok_or_else(|| BenchError::Dialect { role, model: instrument.model.clone() })
 }
 
 /// The same without a connection.
@@ -283,7 +292,7 @@ fn unconnected<D: Model + ?Sized>(
     instrument: Option<&config::Instrument>,
 ) -> Result<Option<Instrument<D>>, BenchError> {
     let Some(instrument) = instrument else { return Ok(None) };
-    let dialect = by_key(dialects, &instrument.model).ok_or_else(|| BenchError::Dialect { role, model: instrument.model.clone() })?;
+    let dialect = spoken(role, dialects, instrument)?;
     let link = Link::unconnected(options(connections, role, instrument, dialect.profile()));
     Ok(Some(Instrument::new(link, dialect)))
 }

@@ -10,7 +10,8 @@ use crate::{
     command::Failure,
     config::{self, Experiment},
     executor::ExecuteError,
-    guardian::{self, Charge, GuardianError, Keeper},
+    guardian::{Charge, GuardianError, Keeper},
+    hash,
     progress::Doing,
     state::{Latched, Lock, State, StateError},
 };
@@ -58,7 +59,7 @@ impl Custody {
         }
         let limits = &experiment.cell.limits;
         let source = experiment.sources.iter().find(|source| source.path() == experiment.bench.path);
-        let sha256 = source.map_or_else(String::new, |source| guardian::fingerprint(source.text()));
+        let sha256 = source.map_or_else(String::new, |source| hash::sha256(source.text()));
         let charge = Charge { bench: &experiment.bench, run: &run, window_v: (limits.min_v, limits.max_v), sha256 };
         let keeper = Keeper::start(&charge, &state, (clock, doing)).await?;
         // The guardian of an earlier run may have found something meanwhile.

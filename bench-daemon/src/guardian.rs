@@ -21,7 +21,6 @@ use nix::{
     unistd::{Pid, getppid},
 };
 use serde::Serialize;
-use sha2::{Digest, Sha256};
 use tokio::sync::mpsc::UnboundedReceiver;
 
 pub use keeper::{GuardianError, Keeper};
@@ -63,11 +62,6 @@ pub struct Charge<'a> {
     pub window_v: (f64, f64),
     /// SHA-256 of the bench file as the daemon has read it: both must mean the same instruments.
     pub sha256: String,
-}
-
-/// SHA-256 of a bench file's text.
-pub fn fingerprint(text: &str) -> String {
-    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The guardian's report, in the state folder.

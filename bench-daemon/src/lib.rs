@@ -14,6 +14,7 @@ pub mod drill;
 pub mod executor;
 pub mod fixture_check;
 pub mod guardian;
+pub mod hash;
 pub mod interlock;
 pub mod investigation;
 pub mod journal;

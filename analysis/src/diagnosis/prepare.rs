@@ -46,10 +46,7 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
     let blocks = blocks(set, &base)?;
     let prior = Prior::new(set.history, &base);
     let mut desk = Desk::default();
-    let mut shapes = shapes(&blocks, (&base, &prior), &mut desk);
-    if !guards.current_channel_noise {
-        shapes.iter_mut().for_each(Shape::forget_current_channel);
-    }
+    let shapes = guarded_shapes(&blocks, (&base, &prior), (guards, &mut desk));
     let residuals: Vec<Vec<f64>> = blocks
         .iter()
         .map(|b| {
@@ -85,6 +82,15 @@ fn shapes(blocks: &[Block], (base, prior): (&Base, &Prior), desk: &mut Desk) -> 
     blocks.iter().map(shape).collect()
 }
 
+/// The same, without the errors of the current channel where they are not to count.
+fn guarded_shapes(blocks: &[Block], about: (&Base, &Prior), (guards, desk): (Guards, &mut Desk)) -> Vec<Shape> {
+    let mut shapes = shapes(blocks, about, desk);
+    if !guards.current_channel_noise {
+        shapes.iter_mut().for_each(Shape::forget_current_channel);
+    }
+    shapes
+}
+
 /// Whiteners, standard deviations and shared errors of a problem.
 fn weigh(problem: &mut Problem, shapes: &[Shape], estimate: &Estimate) -> Result<(), DataSetError> {
     (problem.whiteners, problem.floors) = (Vec::with_capacity(shapes.len()), Vec::with_capacity(shapes.len()));
@@ -110,11 +116,8 @@ impl Prepared {
     /// The noise found anew from what a fit leaves: an effect that the base lacks makes repeats with slightly different currents differ.
     pub(super) fn again(mut self, fit: &Fit, guards: Guards) -> Result<Self, DataSetError> {
         let mut desk = Desk::default();
-        let problem = &mut self.problem;
-        let mut shapes = shapes(&problem.blocks, (&problem.base, &self.prior), &mut desk);
-        if !guards.current_channel_noise {
-            shapes.iter_mut().for_each(Shape::forget_current_channel);
-        }
+        let problem = &self.problem;
+        let shapes = guarded_shapes(&problem.blocks, (&problem.base, &self.prior), (guards, &mut desk));
         let residuals: Vec<Vec<f64>> = (0..problem.blocks.len())
             .map(|k| {
                 let rows = problem.predict((&fit.structure, &fit.x), k, 1, &mut desk);
@@ -122,20 +125,20 @@ impl Prepared {
             })
             .collect();
         self.estimate = estimate(&problem.blocks, &shapes, &residuals, &self.prior);
-        weigh(problem, &shapes, &self.estimate)?;
-        self.sample_noise_v = (self.estimate.variance(Term::White) + self.prior.sample_variance(&self.problem.base)).sqrt();
-        Ok(self)
+        self.weighed(&shapes)
     }
 
     /// The noise of the bench's history, whatever the repeats say.
     pub(super) fn of_history(mut self, guards: Guards) -> Result<Self, DataSetError> {
-        let problem = &mut self.problem;
-        let mut shapes = shapes(&problem.blocks, (&problem.base, &self.prior), &mut Desk::default());
-        if !guards.current_channel_noise {
-            shapes.iter_mut().for_each(Shape::forget_current_channel);
-        }
+        let problem = &self.problem;
+        let shapes = guarded_shapes(&problem.blocks, (&problem.base, &self.prior), (guards, &mut Desk::default()));
         self.estimate.log_sigmas = self.prior.log_sigmas;
-        weigh(problem, &shapes, &self.estimate)?;
+        self.weighed(&shapes)
+    }
+
+    /// Weighed by its estimate of the noise.
+    fn weighed(mut self, shapes: &[Shape]) -> Result<Self, DataSetError> {
+        weigh(&mut self.problem, shapes, &self.estimate)?;
         self.sample_noise_v = (self.estimate.variance(Term::White) + self.prior.sample_variance(&self.problem.base)).sqrt();
         Ok(self)
     }

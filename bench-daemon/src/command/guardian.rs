@@ -10,6 +10,7 @@ use crate::{
     command::{Failure, run::StopSignals},
     config::load_bench,
     guardian::{self, Charge},
+    hash,
 };
 
 /// Arguments of `guardian`.
@@ -37,7 +38,7 @@ pub struct GuardianArgs {
 /// Whatever keeps it from watching or from verifying safe state.
 pub fn guardian(args: &GuardianArgs) -> Result<(), Failure> {
     let (bench, source) = load_bench(&args.bench)?;
-    let found = guardian::fingerprint(source.text());
+    let found = hash::sha256(source.text());
     if found != args.sha256 {
         say!(
             "refused {}: expected the bench file that the run began with, found another text: put it back (the run folder has a copy in config/)",

@@ -11,11 +11,11 @@ use analysis::{
     spectrum::ImpedancePoint,
 };
 use instruments::clock::Clock;
-use sha2::{Digest, Sha256};
 
 use super::{INDEX, RecordError, Recorder, io};
 use crate::{
     drill::Drill,
+    hash,
     journal::{Journal, PointDone, Read},
     story::Story,
 };
@@ -113,7 +113,7 @@ impl Recorder {
 /// SHA-256 of a file.
 pub(super) fn sha256_of(path: &Path) -> Result<String, RecordError> {
     let bytes = fs::read(path).map_err(io(path, "cannot be read"))?;
-    Ok(Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect())
+    Ok(hash::sha256(bytes))
 }
 
 /// Two numbers that are none are the same.

@@ -12,7 +12,7 @@ use scpi::{
 use super::{
     Device, MockOptions,
     plant::{Action, LoadState, Meter, SharedPlant},
-    tree::{Answer, Arguments, Fallible, HasStatus, Span, Status, both, common, exchange, fail, get, set, text},
+    tree::{Answer, Arguments, Fallible, HasStatus, Span, Status, bit, both, common, exchange, fail, get, set, text},
     world::World,
 };
 use crate::scpi::decode::Terminator;
@@ -158,10 +158,6 @@ impl Dl3000 {
 
 fn decimals(value: f64) -> Fallible<Answer> {
     text(format!("{value:.4}"))
-}
-
-fn bit(on: bool) -> Fallible<Answer> {
-    text(if on { "1" } else { "0" })
 }
 
 macro_rules! number {

@@ -209,12 +209,7 @@ impl Dp832 {
     }
 
     fn select(&mut self, arguments: &mut Arguments) -> Fallible {
-        let word = arguments.word(&["1", "2", "3", "CH1", "CH2", "CH3"])?;
-        self.selected = match word {
-            "1" | "CH1" => 0,
-            "2" | "CH2" => 1,
-            _ => 2,
-        };
+        self.selected = arguments.one_of_three()?;
         Ok(())
     }
 

@@ -141,12 +141,7 @@ impl Keysight {
     }
 
     fn select(&mut self, arguments: &mut Arguments) -> Fallible {
-        let word = arguments.word(&["1", "2", "3", "CH1", "CH2", "CH3"])?;
-        self.selected = match word {
-            "1" | "CH1" => 0,
-            "2" | "CH2" => 1,
-            _ => 2,
-        };
+        self.selected = arguments.one_of_three()?;
         Ok(())
     }
 
@@ -190,10 +185,6 @@ impl Keysight {
             (true, true) => "1",
             (true, false) => "2",
         })
-    }
-
-    fn error(&mut self, _: &mut Arguments) -> Fallible<Answer> {
-        text(self.status.pop().map_or_else(|| "+0,\"No error\"".to_owned(), |error| error.to_string()))
     }
 
     fn reset(&mut self, _: &mut Arguments) -> Fallible {
@@ -270,7 +261,7 @@ const TREE: Node<'static, Keysight> = Root! {
         Branch! {b"ISUMmary3"; Leaf! {b"CONDition" => &get(|supply: &mut Keysight, _| supply.condition(2))}}
     }}},
     Branch! {b"SYSTem";
-        Branch! {b"ERRor" => &get(Keysight::error); Leaf! {b"NEXT" => &get(Keysight::error)}},
+        Branch! {b"ERRor" => &get(common::signed_error_query); Leaf! {b"NEXT" => &get(common::signed_error_query)}},
         Leaf! {b"REMote" => &set(common::ignore)},
         Leaf! {b"LOCal" => &set(common::ignore)}
     }

@@ -241,10 +241,6 @@ impl Keysight {
         number(open(channel) * channel.divider())
     }
 
-    fn error(&mut self, _: &mut Arguments) -> Fallible<Answer> {
-        text(self.status.pop().map_or_else(|| "+0,\"No error\"".to_owned(), |error| error.to_string()))
-    }
-
     fn reset(&mut self, _: &mut Arguments) -> Fallible {
         self.channels = [Channel { since_s: self.world.now_s, ..Channel::default() }; 2];
         self.act();
@@ -347,7 +343,7 @@ const TREE: Node<'static, Keysight> = Root! {
     output! {b"OUTPut", 0},
     output! {b"OUTPut1", 0},
     output! {b"OUTPut2", 1},
-    Branch! {b"SYSTem"; Branch! {b"ERRor" => &get(Keysight::error); Leaf! {b"NEXT" => &get(Keysight::error)}}}
+    Branch! {b"SYSTem"; Branch! {b"ERRor" => &get(common::signed_error_query); Leaf! {b"NEXT" => &get(common::signed_error_query)}}}
 };
 
 impl HasStatus for Keysight {

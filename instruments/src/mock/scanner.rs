@@ -14,7 +14,7 @@ use super::{
     Device, MockOptions,
     number::signed_nr3,
     plant::{Meter, SharedPlant},
-    tree::{Answer, Arguments, Fallible, HasStatus, Status, both, common, exchange, fail, get, set, text},
+    tree::{Answer, Arguments, Fallible, HasStatus, Status, bit, both, common, exchange, fail, get, set, text},
     world::World,
 };
 use crate::scpi::decode::Terminator;
@@ -243,10 +243,6 @@ fn block(payload: &str) -> String {
     format!("#{}{length}{payload}", length.len())
 }
 
-fn bit(on: bool) -> Fallible<Answer> {
-    text(if on { "1" } else { "0" })
-}
-
 /// What this mock cannot add to its readings can only be left off.
 fn only_off(_: &mut Scanner, arguments: &mut Arguments) -> Fallible {
     if arguments.switch()? { fail(ErrorCode::SettingsConflict) } else { Ok(()) }
@@ -305,18 +301,14 @@ const TREE: Node<'static, Scanner> = Root! {
         Leaf! {b"ALARm" => &both(only_off, |_, _| bit(false))}
     }},
     Branch! {b"SYSTem";
-        Branch! {b"ERRor" => &get(Scanner::error); Leaf! {b"NEXT" => &get(Scanner::error)}},
+        Branch! {b"ERRor" => &get(common::signed_error_query); Leaf! {b"NEXT" => &get(common::signed_error_query)}},
         Leaf! {b"CTYPe" => &get(Scanner::card)},
         Leaf! {b"REMote" => &set(common::ignore)},
         Leaf! {b"LOCal" => &set(common::ignore)}
     }
 };
 
-impl Scanner {
-    fn error(&mut self, _: &mut Arguments) -> Fallible<Answer> {
-        text(self.status.pop().map_or_else(|| "+0,\"No error\"".to_owned(), |error| error.to_string()))
-    }
-}
+impl Scanner {}
 
 impl HasStatus for Scanner {
     fn status(&mut self) -> &mut Status {

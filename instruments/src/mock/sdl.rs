@@ -10,7 +10,7 @@ use scpi::{Branch, Leaf, Root, error::Error, tree::Node};
 use super::{
     Device, MockOptions,
     plant::{Action, LoadState, Meter, SharedPlant},
-    tree::{Answer, Arguments, Fallible, Span, both, common, exchange, fail, get, set, text},
+    tree::{Answer, Arguments, Fallible, Span, bit, both, common, exchange, fail, get, set, text},
     world::World,
 };
 use crate::scpi::decode::Terminator;
@@ -206,10 +206,6 @@ enum Quantity {
 
 fn fixed(value: f64) -> String {
     format!("{value:.6}")
-}
-
-fn bit(on: bool) -> Fallible<Answer> {
-    text(if on { "1" } else { "0" })
 }
 
 macro_rules! level {

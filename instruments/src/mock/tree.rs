@@ -57,6 +57,11 @@ pub(super) fn text(answer: impl Into<String>) -> Fallible<Answer> {
     Ok(answer.into().into_bytes())
 }
 
+/// A switch, answered as `1` or `0`.
+pub(super) fn bit(on: bool) -> Fallible<Answer> {
+    text(if on { "1" } else { "0" })
+}
+
 /// The error number as an error.
 pub(super) fn fail<T>(code: ErrorCode) -> Fallible<T> {
     Err(Error::new(code))
@@ -196,6 +201,15 @@ impl Arguments {
         };
         let found = table.iter().copied().find(|entry| mnemonic_compare(entry.as_bytes(), written.as_bytes()));
         found.ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue))
+    }
+
+    /// One of three channels, by its number or as `CH1`: its index.
+    pub(super) fn one_of_three(&mut self) -> Fallible<usize> {
+        Ok(match self.word(&["1", "2", "3", "CH1", "CH2", "CH3"])? {
+            "1" | "CH1" => 0,
+            "2" | "CH2" => 1,
+            _ => 2,
+        })
     }
 
     /// A channel list such as `(@101,103:105)`, in the order written.
@@ -369,6 +383,11 @@ pub(super) mod common {
     /// `SYSTem:ERRor[:NEXT]?` in the standard form.
     pub(crate) fn error_query<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible<Answer> {
         text(device.status().pop().map_or_else(|| "0,\"No error\"".to_owned(), |error| error.to_string()))
+    }
+
+    /// The same as Keysight writes an empty queue.
+    pub(crate) fn signed_error_query<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible<Answer> {
+        text(device.status().pop().map_or_else(|| "+0,\"No error\"".to_owned(), |error| error.to_string()))
     }
 
     fn byte(arguments: &mut Arguments) -> Fallible<u8> {

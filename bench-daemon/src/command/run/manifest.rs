@@ -10,7 +10,7 @@ use super::{Run, folder_of, past};
 use crate::{
     bench::Identified,
     command::Failure,
-    config,
+    config, hash,
     journal::{ConfigCopy, Entry, Started},
 };
 
@@ -44,7 +44,7 @@ impl Run<'_> {
                 copy.insert_str("config/".len(), "other_");
             }
             self.recorder.text(&copy, source.text())?;
-            files.push(ConfigCopy { path: source.path().to_owned(), copy, sha256: hex(&Sha256::digest(source.text())) });
+            files.push(ConfigCopy { path: source.path().to_owned(), copy, sha256: hash::sha256(source.text()) });
         }
         let started = Started {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -64,7 +64,7 @@ impl Run<'_> {
         let mut files = BTreeMap::new();
         for source in &self.experiment.sources {
             whole.update(source.text());
-            files.insert(source.path().display().to_string(), hex(&Sha256::digest(source.text())));
+            files.insert(source.path().display().to_string(), hash::sha256(source.text()));
         }
         let manifest = Manifest {
             program: "eis-bench",
@@ -75,7 +75,7 @@ impl Run<'_> {
             seed: self.experiment.seed,
             time: mode.to_string(),
             simulated: self.experiment.bench.simulation.is_some(),
-            config_sha256: hex(&whole.finalize()),
+            config_sha256: hash::hex(&whole.finalize()),
             files,
             // In virtual time the calendar has no meaning, and two runs are to write the same file.
             started_unix_s: (mode != TimeMode::Virtual).then(|| clock::unix_time_s() - self.clock.now_s()),
@@ -85,8 +85,4 @@ impl Run<'_> {
         };
         Ok(self.recorder.json("manifest.json", &manifest)?)
     }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

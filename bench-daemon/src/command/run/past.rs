@@ -3,13 +3,13 @@
 use std::{path::Path, sync::Arc};
 
 use instruments::clock::{self, TimeMode};
-use sha2::{Digest, Sha256};
 
 use super::{FINISHED, Run};
 use crate::{
     bench::Bench,
     command::Failure,
     config::{Copies, Experiment, Source, resolve_experiment},
+    hash,
     journal::{self, ConfigCopy, Entry, Read, Started},
     plan::{Plan, Step},
     procedure, reconcile,
@@ -129,7 +129,7 @@ pub(crate) fn begun_experiment(folder: &Path, started: &Started) -> Result<Exper
         let file = folder.join(copy);
         let text =
             std::fs::read_to_string(&file).map_err(|error| usage(&file, format!("expected the copy of {}: {error}", path.display())))?;
-        let found: String = Sha256::digest(&text).iter().map(|byte| format!("{byte:02x}")).collect();
+        let found = hash::sha256(&text);
         if found != *sha256 {
             return Err(usage(&file, format!("expected the file that the run began with (SHA-256 {sha256}), found another one ({found})")));
         }

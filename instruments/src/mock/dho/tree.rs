@@ -5,12 +5,8 @@ use scpi::{Branch, Leaf, Root, tree::Node};
 use super::{Dho, bare, real};
 use crate::mock::{
     acquisition::Mode,
-    tree::{Answer, Fallible, both, common, get, set, text},
+    tree::{Fallible, bit, both, common, get, set, text},
 };
-
-fn bit(on: bool) -> Fallible<Answer> {
-    text(if on { "1" } else { "0" })
-}
 
 fn settle(scope: &mut Dho, action: fn(&mut Dho)) -> Fallible {
     action(scope);
