@@ -160,7 +160,18 @@ pub struct PlanArgs {
 #[derive(Debug, Args)]
 pub struct MockArgs {
     /// The bench file; needs a section `[simulation]`.
-    pub bench: PathBuf,
+    #[arg(required_unless_present = "replay")]
+    pub bench: Option<PathBuf>,
+    /// Serve a recorded conversation instead: `transcripts/ROLE.txt` of a run folder, or another transcript. It answers as then, and ends at the first
+    /// message that is another.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["bench", "time", "write_bench", "seed"])]
+    pub replay: Option<PathBuf>,
+    /// With --replay: the model whose conversation it is, where neither the file's name nor a manifest tells it.
+    #[arg(long, value_name = "KEY", requires = "replay")]
+    pub model: Option<String>,
+    /// With --replay: where to listen.
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:0", requires = "replay")]
+    pub listen: String,
     /// Print the addresses as one line of JSON.
     #[arg(long)]
     pub json: bool,

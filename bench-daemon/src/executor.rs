@@ -40,6 +40,7 @@ use crate::{
     plan::{Purpose, Specimen, Stage, Step, fixture_name},
     progress::Progress,
     record::Recorder,
+    thermostat::Thermostat,
 };
 
 /// Seconds between two readings while current flows.
@@ -108,6 +109,10 @@ pub struct Executor<'a> {
     spent: gate::Spent,
     /// The chiller was started here, and is to go on running.
     chiller_runs: bool,
+    /// The loop of a bath that has none of its own.
+    thermostat: Option<Thermostat>,
+    /// It was said that the bipolar supply is not bounded.
+    told: bool,
 }
 
 /// The event from which on current may flow.
@@ -151,6 +156,8 @@ impl<'a> Executor<'a> {
             reset: dc::Reset::default(),
             spent: gate::Spent::default(),
             chiller_runs: false,
+            thermostat: None,
+            told: false,
         }
     }
 
@@ -304,6 +311,27 @@ impl<'a> Executor<'a> {
         self.power_up(fixture, &supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) }).await
     }
 
+    /// A supply that takes no limit of the voltage says what it would go to by itself.
+    async fn tell_own_limits(&mut self, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
+        let error = self.bench.error("supply4q");
+        let supply = require(&mut self.bench.supply4q, "supply4q")?;
+        if supply.capabilities().holds != supply4q::Holds::Nothing {
+            return Ok(());
+        }
+        let Some(own) = supply.own_limits().await.map_err(error)? else { return Ok(()) };
+        let text = format!(
+            "bipolar supply: takes no compliance and no current limit; its own set-point limits are {} V to {} V, {} A to {} A",
+            own.volts.0, own.volts.1, own.amps.0, own.amps.1
+        );
+        self.recorder.event(&text)?;
+        let wider = own.volts.1.max(-own.volts.0) > limits.compliance.value() || own.amps.1.max(-own.amps.0) > limits.current.value();
+        if wider && !self.told {
+            self.told = true;
+            self.recorder.warning(&format!("{text}: beyond the limits of this run only the daemon's readings and a fuse hold it"));
+        }
+        Ok(())
+    }
+
     async fn power_up(&mut self, fixture: Fixture, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
         let error = self.bench.error("generator");
         let offset = Volts(self.experiment.bench.wiring.command_offset_v);
@@ -313,6 +341,7 @@ impl<'a> Executor<'a> {
         let error = self.bench.error("supply4q");
         let supply = require(&mut self.bench.supply4q, "supply4q")?;
         supply.prepare(limits).await.map_err(&error)?;
+        self.tell_own_limits(limits).await?;
         if fixture == Fixture::Cell {
             // A cell that is missing, reversed, ruined or too hot must not be driven: it is read while the output is still off.
             let mut reading = self.read_supply4q().await?;

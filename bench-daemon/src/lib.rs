@@ -33,4 +33,5 @@ pub mod state;
 pub mod story;
 pub mod study;
 pub mod terminal;
+pub mod thermostat;
 pub mod wishes;

@@ -19,6 +19,7 @@ pub mod pack_simulate;
 pub mod pack_size;
 pub mod plan;
 pub mod profile_args;
+pub mod replay;
 pub mod resume;
 pub mod run;
 pub mod safe;

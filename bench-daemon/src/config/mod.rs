@@ -10,10 +10,11 @@ mod quality;
 pub mod quantity;
 mod raw;
 mod resolve;
+mod simulation;
 mod source;
 mod trace;
 
-use std::path::PathBuf;
+use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{plan::Missed, quality::Quality};
 use analysis::{
@@ -24,7 +25,7 @@ use analysis::{
 };
 use instruments::{
     clock::TimeMode,
-    mock::{Schedule, plant::Fixture},
+    mock::{Schedule, plant::Fixture, quirks::Quirks},
     transport::Address,
 };
 
@@ -94,6 +95,8 @@ pub struct Bench {
     pub state_folder: PathBuf,
     /// The process that watches over it.
     pub guardian: Guardian,
+    /// How a bath is held whose loop the daemon closes.
+    pub thermostat: Thermostat,
 }
 
 impl Bench {
@@ -115,6 +118,21 @@ pub struct Guardian {
     pub lease_s: f64,
     /// The daemon may compute for so long between two waits, s: after that it counts as hung, and the lease is not renewed.
     pub stall_s: f64,
+}
+
+/// How the daemon holds a bath with relays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thermostat {
+    /// So far from the set-point a relay is on all the time, K.
+    pub band_k: f64,
+    /// Time in which a standing error doubles its effect, s.
+    pub integral_s: f64,
+    /// A relay is switched on once in it, s.
+    pub window_s: f64,
+    /// Without a reading for longer the run is stopped, s.
+    pub stale_s: f64,
+    /// What the sensor shows too much, K.
+    pub sensor_offset_k: f64,
 }
 
 /// The instruments by role.
@@ -219,6 +237,8 @@ pub struct Simulation {
     pub time: TimeMode,
     /// What goes wrong between the simulated instruments and their client.
     pub faults: Option<Schedule>,
+    /// What a mock is told to do differently, by role.
+    pub quirks: BTreeMap<&'static str, Quirks>,
 }
 
 /// A cell and what may be done to it.

@@ -1,7 +1,9 @@
 //! The files as they are typed: these structures mirror the TOML, and nothing else reads them than `resolve`.
 
+use std::collections::BTreeMap;
+
 use analysis::{dataset::Role, diagnosis::BenchHistory};
-use instruments::mock::Fault;
+use instruments::mock::{Fault, quirks::Value};
 use serde::Deserialize;
 
 use super::quantity::{
@@ -255,6 +257,19 @@ pub(super) struct Bench {
     pub(super) state_folder: Option<String>,
     #[serde(default)]
     pub(super) guardian: Guardian,
+    #[serde(default)]
+    pub(super) thermostat: Thermostat,
+}
+
+/// How the daemon holds a bath whose loop it closes.
+#[derive(Debug, Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Thermostat {
+    pub(super) proportional_band: Option<Quantity<TemperatureDifference>>,
+    pub(super) integral_time: Option<Quantity<Duration>>,
+    pub(super) window: Option<Quantity<Duration>>,
+    pub(super) stale: Option<Quantity<Duration>>,
+    pub(super) sensor_offset: Option<Quantity<TemperatureDifference>>,
 }
 
 #[derive(Debug, Deserialize, Default)]
@@ -342,6 +357,9 @@ pub(super) struct Simulation {
     pub(super) scenario: String,
     pub(super) time: Option<String>,
     pub(super) faults: Option<Faults>,
+    /// By role, what its mock is told to do differently.
+    #[serde(default)]
+    pub(super) quirks: BTreeMap<String, BTreeMap<String, Value>>,
 }
 
 /// What goes wrong between the simulated instruments and their client.

@@ -11,14 +11,14 @@ use instruments::{
     chiller,
     clock::TimeMode,
     generator,
-    instrument::Model,
-    jig, load, logger,
-    mock::{Fault, Schedule},
-    scope, supply, supply4q,
+    instrument::{Model, by_key},
+    jig, load, logger, scope, supply, supply4q,
     transport::Address,
 };
 
-use super::{Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw};
+use super::{
+    Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw, simulation,
+};
 use crate::interlock::Limits;
 
 /// Reads an experiment with its bench (or another one in its place) and its cell.
@@ -169,6 +169,7 @@ fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
         path: source.path().to_owned(),
         state_folder,
         guardian: resolve_guardian(source, &raw.guardian)?,
+        thermostat: simulation::thermostat(source, &raw.thermostat)?,
     })
 }
 
@@ -260,17 +261,9 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
         let reason = format!("scaled time is for mocks on this machine, and {role} is at {}", instrument.address);
         return Err(source.complain("simulation.time", reason));
     }
-    let faults = raw.faults.as_ref().map(|faults| resolve_faults(source, faults)).transpose()?;
-    Ok(Simulation { scenario: source.relative(&raw.scenario), time, faults })
-}
-
-fn resolve_faults(source: &Source, raw: &raw::Faults) -> Result<Schedule, ConfigError> {
-    if !(0.0..=1.0).contains(&raw.per_message) {
-        let reason = format!("expected a chance from 0 to 1, found {}", raw.per_message);
-        return Err(source.complain("simulation.faults.per_message", reason));
-    }
-    let faults = raw.kinds.clone().unwrap_or_else(|| Fault::ALL.to_vec());
-    Ok(Schedule { seed: raw.seed, per_message: raw.per_message, most: raw.most, faults })
+    let faults = raw.faults.as_ref().map(|faults| simulation::faults(source, faults)).transpose()?;
+    let quirks = simulation::quirks(source, &raw.quirks, instruments)?;
+    Ok(Simulation { scenario: source.relative(&raw.scenario), time, faults, quirks })
 }
 
 /// In this process, on the loopback interface, or on a pseudo-terminal.
@@ -309,8 +302,18 @@ fn resolve_instruments(source: &Source, raw: &raw::Instruments) -> Result<Instru
         .logger
         .as_ref()
         .map(|raw| {
-            resolve_instrument(source, "logger", (&raw.model, &raw.address), &keys(logger::DIALECTS))
-                .map(|instrument| (instrument, raw.cell_channel, raw.ambient_channel))
+            let instrument = resolve_instrument(source, "logger", (&raw.model, &raw.address), &keys(logger::DIALECTS))?;
+            let dialect = by_key(logger::DIALECTS, &raw.model);
+            for (field, channel) in [("cell_channel", Some(raw.cell_channel)), ("ambient_channel", raw.ambient_channel)] {
+                if let Some(channel) = channel.filter(|channel| dialect.is_some_and(|dialect| !dialect.has_channel(*channel))) {
+                    let reason = format!("expected a channel that a {} has (one input is channel 1), found {channel}", raw.model);
+                    return Err(source.complain(&format!("instruments.logger.{field}"), reason));
+                }
+            }
+            if raw.ambient_channel == Some(raw.cell_channel) {
+                return Err(source.complain("instruments.logger.ambient_channel", "expected another channel than the cell's, or none"));
+            }
+            Ok((instrument, raw.cell_channel, raw.ambient_channel))
         })
         .transpose()?;
     let jig = raw.jig.as_ref().map(|raw| resolve_jig(source, raw)).transpose()?;

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use instruments::mock::plant::Fixture;
+use instruments::{mock::plant::Fixture, supply4q::Holds};
 
 use crate::{
     config::{Cell, Segment, Trace},
@@ -29,7 +29,7 @@ const COMPLIANCE: (f64, f64) = (0.3, 0.1);
 const LIMIT: (f64, f64) = (1.02, 0.5);
 
 /// `held` as for a sweep; `screen_s`: the time that the scope's screen spans when it is to hold at least a given span.
-pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: bool, screen_s: impl Fn(f64) -> f64) -> Stage {
+pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: Holds, screen_s: impl Fn(f64) -> f64) -> Stage {
     let levels = levels(trace);
     let frames = frames(&levels, end_s(trace), trace, screen_s);
     let plan = Arc::new(TracePlan {

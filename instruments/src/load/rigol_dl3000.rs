@@ -11,6 +11,9 @@ use crate::{
 /// Rigol DL3021(A); the DL3031(A) is used as far as the smaller one reaches.
 pub(super) const DL3000: Dl3000 = Dl3000;
 
+/// So far above the level its own limit of the current is set, A.
+const ILIM_MARGIN_A: f64 = 1.0;
+
 pub(super) struct Dl3000;
 
 impl Model for Dl3000 {
@@ -43,15 +46,18 @@ impl Dialect for Dl3000 {
 
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange> {
         let current = discharge.current.value();
-        let (range, range_value) = if current <= 4.0 { ("4", 4.0) } else { ("40", 40.0) };
+        // The DL3021 has the ranges 4 A and 40 A, the DL3031 6 A and 60 A: it takes the one that holds the value, and answers its own.
+        let (range, ranges) = if current <= 4.0 { ("4", (5.0, 1.1)) } else { ("40", (50.0, 10.5)) };
         let [volts, sense] = voltmeter();
         vec![
             Exchange::word(":SOUR:FUNC:MODE FIX", ":SOUR:FUNC:MODE?", &["FIX", "FIXED"]),
             Exchange::word(":SOUR:FUNC CURR", ":SOUR:FUNC?", &["CC"]),
-            Exchange::number(format!(":SOUR:CURR:RANG {range}"), ":SOUR:CURR:RANG?", range_value, 0.1),
+            Exchange::number(format!(":SOUR:CURR:RANG {range}"), ":SOUR:CURR:RANG?", ranges.0, ranges.1),
             volts,
             sense,
             Exchange::fixed(":SOUR:CURR:LEV:IMM", current, (4, 2.0e-3)),
+            // Left low by an earlier user, it would hold the discharge back.
+            Exchange::fixed(":SOUR:CURR:ILIM", current + ILIM_MARGIN_A, (3, 5.0e-3)),
             // It sinks nothing below this voltage: a second guard beside the daemon.
             Exchange::fixed(":SOUR:CURR:VON", discharge.stop_below.value(), (3, 5.0e-3)),
         ]

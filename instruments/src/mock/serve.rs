@@ -28,6 +28,7 @@ const READ_BYTES: usize = 4096;
 /// What the transport says when reading or writing fails.
 pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWrite + Unpin + Send, clock: &Clock) -> io::Result<()> {
     let mut framer = ProgramFramer::new(device.terminator(), LONGEST_MESSAGE);
+    device.connected(clock.now_s());
     let mut buffer = [0_u8; READ_BYTES];
     loop {
         let count = stream.read(&mut buffer).await?;
@@ -52,7 +53,7 @@ pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWr
                 clock.sleep_s(device.late_s(now_s)).await;
             }
             match trouble {
-                None => answer(&mut stream, &reply).await?,
+                None => answer_in_two(&mut stream, &reply, device.end_late_s(), clock).await?,
                 Some(trouble) => {
                     if !answer_badly(&mut stream, reply, (trouble, &message), clock).await? {
                         return Ok(());
@@ -66,6 +67,14 @@ pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWr
 async fn answer(stream: &mut (impl AsyncWrite + Unpin), reply: &[u8]) -> io::Result<()> {
     stream.write_all(reply).await?;
     stream.flush().await
+}
+
+/// An answer whose last byte may come later than the others.
+async fn answer_in_two(stream: &mut (impl AsyncWrite + Unpin), reply: &[u8], end_late_s: f64, clock: &Clock) -> io::Result<()> {
+    let Some((end, rest)) = reply.split_last().filter(|_| end_late_s > 0.0) else { return answer(stream, reply).await };
+    answer(stream, rest).await?;
+    clock.sleep_s(end_late_s).await;
+    answer(stream, &[*end]).await
 }
 
 /// A late answer that is still in time, one that is not for most links, and a silence that outlasts every one, s.
@@ -126,7 +135,20 @@ pub fn serve_memory(device: Box<dyn Device>, hub: &MemoryHub, name: &str, clock:
 
 async fn accept_memory(mut device: Box<dyn Device>, mut listener: MemoryListener, clock: Clock) {
     while let Some(stream) = listener.accept().await {
-        finish(serve(device.as_mut(), stream, &clock).await);
+        if !device.refuses_second() {
+            finish(serve(device.as_mut(), stream, &clock).await);
+            continue;
+        }
+        let served = serve(device.as_mut(), stream, &clock);
+        tokio::pin!(served);
+        let outcome = loop {
+            tokio::select! {
+                outcome = &mut served => break outcome,
+                // Dropped at once: the connection is closed from this side.
+                second = listener.accept() => if second.is_none() { break served.await },
+            }
+        };
+        finish(outcome);
     }
 }
 
@@ -145,7 +167,20 @@ async fn accept_tcp(mut device: Box<dyn Device>, listener: TcpListener, clock: C
         match listener.accept().await {
             Ok((stream, peer)) => {
                 tracing::debug!(%peer, "client came");
-                finish(serve_socket(device.as_mut(), stream, &clock).await);
+                if !device.refuses_second() {
+                    finish(serve_socket(device.as_mut(), stream, &clock).await);
+                    continue;
+                }
+                let served = serve_socket(device.as_mut(), stream, &clock);
+                tokio::pin!(served);
+                let outcome = loop {
+                    tokio::select! {
+                        outcome = &mut served => break outcome,
+                        // Dropped at once: the connection is closed from this side.
+                        _ = listener.accept() => {}
+                    }
+                };
+                finish(outcome);
             }
             // Such as too many open files: the next attempt may succeed, and must not spin.
             Err(error) => {

@@ -241,7 +241,7 @@ fn the_volts_come_back_from_codes_that_are_not_left_justified_at_any_page_size()
     ];
     for (page_points, wanted) in [(1_000_000, 100_000), (1_000_000, 2_000), (777, 1_000)] {
         in_virtual_time(async |clock| {
-            let rig = Rig::with(clock, "rigol-dho800", &MockOptions { page_points, ..MockOptions::default() }, &[]);
+            let rig = Rig::with(clock, "rigol-dho800", &MockOptions::quirk("page_points", page_points as f64), &[]);
             rig.earlier_user(Terminator::Lf, &earlier).await;
             let mut scope = capture(&rig).await;
             for channel in [4, 1, 3, 2] {
@@ -280,5 +280,29 @@ fn a_scope_without_a_frame_says_so_and_an_offset_that_its_scale_does_not_allow_i
         let vertical = Vertical { channel: 1, per_div: Volts(0.05), offset: Volts(-3.8) };
         let refused = scope.set(&Intent::Vertical(vertical)).await.unwrap_err().to_string();
         assert!(refused.contains("`:CHAN1:OFFS?` answered `-1.0E0`: expected a number within 1.3e-2 of -3.8"), "{refused}");
+    });
+}
+
+#[test]
+fn the_larger_load_answers_its_own_ranges_and_a_limit_left_low_is_lifted() {
+    in_virtual_time(async |clock| {
+        for (current, answer, taken) in [
+            (6.0, &b"60\n"[..], true),
+            (6.0, b"40\n", true),
+            (6.0, b"6\n", false),
+            (3.0, b"6\n", true),
+            (3.0, b"4.0000\n", true),
+            (3.0, b"60\n", false),
+        ] {
+            let rig = Rig::with(clock.clone(), "rigol-dl3000", &MockOptions::default(), &[(":SOUR:CURR:RANG?", answer)]);
+            rig.earlier_user(Terminator::Lf, &[":SOUR:CURR:ILIM 0.5"]).await;
+            let mut load = load(&rig).await;
+            let prepared = load.prepare(&Discharge { current: Amps(current), stop_below: Volts(2.75) }).await;
+            assert_eq!(prepared.is_ok(), taken, "{current} A, {}: {prepared:?}", String::from_utf8_lossy(answer));
+            if taken {
+                load.energise().await.unwrap();
+                assert_eq!(loads(&rig).last().unwrap().current_a, current, "its own limit does not hold it back");
+            }
+        }
     });
 }

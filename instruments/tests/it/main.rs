@@ -4,6 +4,7 @@
 
 mod device;
 mod drivers_common;
+mod drivers_confirming;
 mod drivers_generator;
 mod drivers_power;
 mod drivers_scope;
@@ -18,4 +19,5 @@ mod mocks_ports;
 mod mocks_random;
 mod mocks_scope;
 mod ports;
+mod quirks;
 mod replay;
