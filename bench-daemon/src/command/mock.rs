@@ -7,7 +7,7 @@ use instruments::clock::{Clock, TimeMode};
 use crate::terminal::say;
 use crate::{
     cli::MockArgs,
-    command::{Failure, replay::replay, run::StopSignals},
+    command::{Failure, run::StopSignals, serve_record::serve_record},
     config::{Source, load_bench},
     sim::{Served, SimError, Simulation},
 };
@@ -18,7 +18,7 @@ use crate::{
 /// A mistake in the files; a port that is taken.
 pub fn mock(args: &MockArgs) -> Result<(), Failure> {
     let path = match (&args.replay, &args.bench) {
-        (Some(transcript), _) => return replay(transcript, args),
+        (Some(transcript), _) => return serve_record(transcript, args),
         (None, Some(path)) => path,
         (None, None) => return Err(Failure::Usage("expected a bench file, or --replay FILE".to_owned())),
     };

@@ -26,7 +26,8 @@ mod ocv_soc;
 mod quality;
 mod ranging;
 mod real_data;
-mod replaying;
+mod records;
+
 mod resume;
 mod safety;
 mod simulate;

@@ -64,7 +64,7 @@ pub fn load(path: &Path, model: Option<&str>) -> Result<(Replay, Outcome), Failu
 ///
 /// # Errors
 /// As [`load`]; a port that is taken; the first difference.
-pub fn replay(path: &Path, args: &MockArgs) -> Result<(), Failure> {
+pub fn serve_record(path: &Path, args: &MockArgs) -> Result<(), Failure> {
     let (device, outcome) = load(path, args.model.as_deref())?;
     let expected = device.messages().count();
     Clock::runtime(TimeMode::Real)?.block_on(async {
