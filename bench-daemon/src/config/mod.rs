@@ -34,6 +34,7 @@ pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
 pub use resolve::{load_any_bench, load_bench, load_experiment, resolve_experiment};
 pub use source::{ConfigError, Copies, Source};
+pub(crate) use trace::{AFTER_WAVE_S, BEFORE_S};
 pub use trace::{Segment, Trace};
 
 /// A complete experiment.
