@@ -76,6 +76,9 @@ pub enum Failure {
     /// A bench that is in use, or latched, or whose state cannot be written.
     #[error(transparent)]
     State(StateError),
+    /// A run folder that a process works in.
+    #[error("{0}")]
+    Going(String),
     /// The guardian.
     #[error(transparent)]
     Guardian(#[from] GuardianError),
@@ -102,8 +105,8 @@ impl Failure {
             Self::FixtureCheck(_) => 4,
             Self::Unsafe { .. } => 6,
             Self::State(StateError::Latched { .. }) => 7,
-            Self::State(StateError::Busy { .. }) | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,
-            Self::State(StateError::Io { .. }) | Self::Guardian(GuardianError::State(_)) => 2,
+            Self::Going(_) | Self::State(StateError::Busy { .. }) | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,
+            Self::State(StateError::Io { .. } | StateError::Nowhere) | Self::Guardian(GuardianError::State(_)) => 2,
             Self::Guardian(GuardianError::Bench(_) | GuardianError::Refused(_)) => 3,
             Self::Guardian(_) => 9,
             Self::Interrupted(_) => 130,

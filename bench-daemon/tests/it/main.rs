@@ -9,6 +9,7 @@ mod benches;
 mod campaign;
 mod configuration;
 mod crash;
+mod custody;
 mod demo;
 mod diagnose;
 mod fit;

@@ -16,7 +16,8 @@ use instruments::{
 };
 
 use super::{
-    Measured, Past, multisine, safe,
+    Measured, Past, multisine,
+    play::safe,
     sweeping::{Settled, Sweeping},
 };
 use crate::{
