@@ -10,6 +10,7 @@ mod gate;
 mod heed;
 mod leg;
 mod multisine;
+mod record;
 mod sine;
 mod trace;
 mod watch;
@@ -29,6 +30,7 @@ pub use beside::{Bend, Beside};
 pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
+pub(crate) use record::{Asked, Taken, analyse};
 pub use sine::SweepPoint;
 
 use crate::{

@@ -7,6 +7,7 @@
 pub mod bench;
 pub mod cli;
 pub mod command;
+pub mod compare;
 pub mod config;
 pub mod custody;
 pub mod dataset;
@@ -32,5 +33,6 @@ pub mod sim;
 pub mod state;
 pub mod story;
 pub mod study;
+pub mod sums;
 pub mod terminal;
 pub mod wishes;

@@ -3,7 +3,9 @@
 //! Whatever happens once the instruments are known to be the configured ones, a panic and a request to stop included, the bench is brought into safe
 //! state before this returns.
 
+mod again;
 mod drive;
+mod gathered;
 mod manifest;
 mod multisine;
 mod past;
@@ -17,6 +19,7 @@ use std::{
     task::Poll,
 };
 
+pub(crate) use again::Recorded;
 use analysis::{calibration::Correction, spectrum::Spectrum};
 use drive::Before;
 use instruments::{
@@ -48,6 +51,7 @@ use crate::{
     progress::Progress,
     record::Recorder,
     sim::Simulation,
+    sums,
 };
 
 pub use multisine::MultisineRun;
@@ -211,6 +215,9 @@ impl Session {
             Box::pin(Run { experiment, plan: &plan, clock, operator, recorder, before, inherited_world, past }.go()).await
         })?;
         self.correction = Some(finished.measured.correction.clone());
+        // Nothing may be written into the folder from here on.
+        logging::log_off();
+        sums::write(folder)?;
         Ok(finished)
     }
 }

@@ -25,6 +25,7 @@ mod ocv_soc;
 mod quality;
 mod ranging;
 mod real_data;
+mod replay;
 mod resume;
 mod safety;
 mod simulate;
