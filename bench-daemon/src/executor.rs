@@ -11,6 +11,7 @@ mod heed;
 mod leg;
 mod metered;
 mod multisine;
+mod record;
 mod sine;
 mod trace;
 mod watch;
@@ -31,6 +32,7 @@ pub use beside::{Bend, Beside};
 pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
+pub(crate) use record::{Asked, Taken, analyse};
 pub use sine::SweepPoint;
 
 use crate::{

@@ -3,7 +3,9 @@
 //! Whatever happens once the instruments are known to be the configured ones, a panic and a request to stop included, the bench is brought into safe
 //! state before this returns.
 
+mod again;
 mod drive;
+mod gathered;
 mod manifest;
 mod multisine;
 mod past;
@@ -18,6 +20,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+pub(crate) use again::Recorded;
 use analysis::{calibration::Correction, spectrum::Spectrum};
 pub(crate) use past::{Past, begun_experiment};
 pub(crate) use stop::StopSignals;

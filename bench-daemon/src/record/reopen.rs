@@ -113,8 +113,7 @@ impl Recorder {
 
 /// SHA-256 of a file.
 pub(super) fn sha256_of(path: &Path) -> Result<String, RecordError> {
-    let bytes = fs::read(path).map_err(io(path, "cannot be read"))?;
-    Ok(hash::sha256(bytes))
+    hash::sha256_of(path).map_err(io(path, "cannot be read"))
 }
 
 /// Two numbers that are none are the same.

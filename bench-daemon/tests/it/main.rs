@@ -26,6 +26,7 @@ mod ocv_soc;
 mod quality;
 mod ranging;
 mod real_data;
+mod replay;
 mod resume;
 mod safety;
 mod serve;

@@ -126,11 +126,17 @@ impl Run<'_> {
 /// # Errors
 /// Another version of the program; a copy that is not what it was.
 pub(crate) fn begun_experiment(folder: &Path, started: &Started) -> Result<Experiment, Failure> {
-    let usage = |path: &Path, text: String| Failure::Usage(format!("{}: {text}", path.display()));
     let version = env!("CARGO_PKG_VERSION");
     if started.version != version {
-        return Err(usage(folder, format!("expected a run of version {version} of this program, found one of {}", started.version)));
+        let text = format!("expected a run of version {version} of this program, found one of {}", started.version);
+        return Err(Failure::Usage(format!("{}: {text}", folder.display())));
     }
+    copied_experiment(folder, started)
+}
+
+/// As [`begun_experiment`], whatever the version of the program.
+pub(super) fn copied_experiment(folder: &Path, started: &Started) -> Result<Experiment, Failure> {
+    let usage = |path: &Path, text: String| Failure::Usage(format!("{}: {text}", path.display()));
     let mut copies = Copies::new();
     for ConfigCopy { path, copy, sha256 } in &started.files {
         let file = folder.join(copy);

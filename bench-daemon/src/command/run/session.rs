@@ -21,6 +21,7 @@ use crate::{
     procedure,
     record::Recorder,
     sim::Simulation,
+    sums,
 };
 
 /// Runs on one bench, one after the other: time goes on from run to run, and so does a simulated world; the bench's correction stays.
@@ -106,6 +107,9 @@ impl Session {
             Box::pin(Run { experiment, plan: &plan, clock, operator, recorder, before, inherited_world, past }.go()).await
         })?;
         self.correction = Some(finished.measured.correction.clone());
+        // Nothing may be written into the folder from here on.
+        logging::log_off();
+        sums::write(folder)?;
         Ok(finished)
     }
 }
