@@ -17,7 +17,7 @@ use instruments::{
 };
 
 use super::{
-    Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw, simulation,
+    Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, limits, raw, simulation,
 };
 use crate::interlock::Limits;
 
@@ -267,7 +267,7 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
 }
 
 /// In this process, on the loopback interface, or on a pseudo-terminal.
-fn is_local(address: &Address) -> bool {
+pub(super) fn is_local(address: &Address) -> bool {
     match address {
         Address::Memory { .. } => true,
         Address::Tcp { host, .. } => host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback()),
@@ -376,7 +376,7 @@ fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
         OcvCurve::monotone(raw.capacity.si / 3600.0, ocv.soc, ocv.voltage_v).map_err(|error| source.complain("ocv", error.to_string()))
     };
     let ocv = raw.ocv.map(curve).transpose()?;
-    Ok(Cell {
+    let cell = Cell {
         name: raw.name,
         capacity_c: raw.capacity.si,
         limits: Limits {
@@ -391,5 +391,8 @@ fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
         series: raw.pack.series,
         parallel: raw.pack.parallel,
         ocv,
-    })
+        wide: Vec::new(),
+    };
+    raw.absolute.check(source, &cell)?;
+    Ok(Cell { wide: limits::wide(&cell), ..cell })
 }

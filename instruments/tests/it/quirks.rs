@@ -96,7 +96,7 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
         }
         "load" => {
             let mut load = driver!(load);
-            load.prepare(&load::Discharge { current: Amps(3.5), stop_below: Volts(2.75) }).await?;
+            load.prepare(&load::Discharge { draw: load::Draw::Current(Amps(3.5)), stop_below: Volts(2.75) }).await?;
             load.energise().await?;
             let Action::Load(state) = rig.last_action() else { panic!("{:?}", rig.last_action()) };
             assert!(state.input_on);
