@@ -17,7 +17,8 @@ use instruments::{
 };
 
 use super::{
-    Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, limits, raw, simulation,
+    Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, limits, raw,
+    simulation,
 };
 use crate::interlock::Limits;
 

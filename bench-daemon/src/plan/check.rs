@@ -20,7 +20,9 @@ impl Plan {
             for (step_index, step) in stage.steps.iter().enumerate() {
                 let fail = |reason: String| PlanError { stage: stage_index + 1, step: step_index + 1, what: step.to_string(), reason };
                 step.check(limits, powered).map_err(fail)?;
-                if matches!(stage.purpose, Purpose::Sweep(Fixture::Short, _)) && matches!(step, Step::PowerUp { held: Holds::Voltage | Holds::Nothing, .. }) {
+                if matches!(stage.purpose, Purpose::Sweep(Fixture::Short, _))
+                    && matches!(step, Step::PowerUp { held: Holds::Voltage | Holds::Nothing, .. })
+                {
                     let reason = "expected a bipolar supply with a programmable current limit to drive a short, found one whose output follows \
                                   the generator up to its rated current: leave [fixture_check.short] out";
                     return Err(fail(reason.to_owned()));

@@ -169,10 +169,11 @@ impl Device for FastPs {
         if let Some(value) = self.read(&command) {
             return format!("#{}:{value}\r\n", command.trim_end_matches(":?")).into_bytes();
         }
-        let done = self.write(&command);
-        self.act();
-        match done {
-            Ok(()) => b"#AK\r\n".to_vec(),
+        match self.write(&command) {
+            Ok(()) => {
+                self.act();
+                b"#AK\r\n".to_vec()
+            }
             Err(code) => format!("#NAK:{code:02}\r\n").into_bytes(),
         }
     }
