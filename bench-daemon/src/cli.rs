@@ -25,6 +25,8 @@ Examples:
     eis-bench safe configs/benches/thesis.toml
   The simulated instruments on real ports, until Ctrl-C:
     eis-bench mock configs/benches/demo.toml --json
+  A page and an API for benches, with a queue:
+    eis-bench serve configs/serve.toml
   Fit the extended Randles model to spectra from anywhere:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
   Fit any equivalent circuit, without start values:
@@ -116,6 +118,10 @@ enum Command {
     Effects(command::effects::EffectsArgs),
     /// State of power: the most power that can be held, over duration and state of charge.
     Sop(command::sop::SopArgs),
+    /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
+    Serve(command::serve::ServeArgs),
+    /// Tokens that open a server's API.
+    Token(command::token::TokenArgs),
     /// Blind study of the diagnosis: effects hidden by the simulation, diagnosed without labels, scored.
     Study(command::study::StudyArgs),
 }
@@ -254,6 +260,8 @@ pub fn main() -> ExitCode {
         Command::Investigate(args) => command::investigate::investigate(&args),
         Command::Effects(args) => command::effects::effects(&args),
         Command::Sop(args) => command::sop::sop(&args),
+        Command::Serve(args) => command::serve::serve(&args),
+        Command::Token(args) => command::token::token(&args),
         Command::Study(args) => command::study::study(&args),
     };
     match result {
@@ -290,6 +298,7 @@ mod tests {
             "investigate",
             "effects",
             "simulate",
+            "serve",
             "pack",
             "sop",
             "Examples:",

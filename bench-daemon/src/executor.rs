@@ -9,10 +9,12 @@ mod error;
 mod gate;
 mod heed;
 mod leg;
+mod metered;
 mod multisine;
 mod sine;
 mod trace;
 mod watch;
+mod wave;
 
 use std::sync::Arc;
 

@@ -22,9 +22,11 @@ pub mod profile_args;
 pub mod resume;
 pub mod run;
 pub mod safe;
+pub mod serve;
 pub mod simulate;
 pub mod sop;
 pub mod study;
+pub mod token;
 pub mod wish;
 
 use crate::{

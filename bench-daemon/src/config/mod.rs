@@ -34,7 +34,8 @@ pub(crate) use check::{LOAD_CUT_OFF_V, check_frames};
 pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
 pub use resolve::{load_any_bench, load_bench, load_experiment, resolve_experiment};
-pub use source::{ConfigError, Copies, Source};
+pub use source::{ConfigError, Copies, Fence, Source};
+pub(crate) use trace::{AFTER_WAVE_S, BEFORE_S};
 pub use trace::{Segment, Trace};
 
 /// A complete experiment.

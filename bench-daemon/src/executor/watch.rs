@@ -2,7 +2,7 @@
 
 use instruments::mock::plant::Fixture;
 
-use super::{ExecuteError, Executor, POLL_S, require};
+use super::{ExecuteError, Executor, POLL_S, metered::BELOW_GREATEST_V, require};
 use crate::{
     interlock::{Allowance, NO_CURRENT_A, Reading, Trip},
     plan::{Flow, Step},
@@ -64,8 +64,11 @@ impl Executor<'_> {
             Step::Trace(ref trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
                 let (least_c, greatest_c) = trace.swing_c();
-                let limits = in_work.bounded(drawn(greatest_a), drawn(-least_a));
-                live(limits, (METER_GAIN * least_c - drift_c, METER_GAIN * greatest_c + drift_c))
+                let within = if trace.bipolar() { in_work } else { cell };
+                let limits = within.bounded(drawn(greatest_a), drawn(-least_a));
+                let traced = live(limits, (METER_GAIN * least_c - drift_c, METER_GAIN * greatest_c + drift_c));
+                let held_v = if trace.bipolar() { traced.held_v } else { cell.max_v - BELOW_GREATEST_V - HELD_V };
+                Allowance { held_v, ..traced }
             }
             Step::HoldTemperature { .. } => Allowance { tempering: true, ..idle },
             Step::Specimen(..) | Step::Mount(_) | Step::Accept { .. } | Step::Pause { .. } | Step::Zero(_) | Step::Rest { .. } => idle,
