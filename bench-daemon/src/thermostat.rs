@@ -201,11 +201,11 @@ mod tests {
     #[test]
     fn what_is_too_short_is_saved_up_and_heat_does_not_follow_cold() {
         let mut thermostat = Thermostat::new(Settings { integral_s: 1.0e9, ..SETTINGS }, 25.0, 0.0);
-        // A twentieth of full power: one second in twenty.
-        let pulses: Vec<Action> = (0..4).map(|window| thermostat.step(Some(24.975), 20.0 * f64::from(window))).collect();
+        // Six hundredths of full power: 1.2 s in 20 s.
+        let pulses: Vec<Action> = (0..4).map(|window| thermostat.step(Some(24.97), 20.0 * f64::from(window))).collect();
         let [first, second, ..] = pulses[..] else { panic!() };
         assert_eq!(first, Action::Pulse(0.0));
-        assert!(matches!(second, Action::Pulse(pulse) if (pulse - 2.0).abs() < 1.0e-9), "{pulses:?}");
+        assert!(matches!(second, Action::Pulse(pulse) if (pulse - 2.4).abs() < 1.0e-9), "{pulses:?}");
         // Too warm at once: nothing is cooled for a minute.
         let after: Vec<Action> = (4..9).map(|window| thermostat.step(Some(25.3), 20.0 * f64::from(window))).collect();
         assert_eq!(after[0], Action::Pulse(0.0));

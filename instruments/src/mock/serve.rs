@@ -88,9 +88,17 @@ pub fn serve_memory(device: Box<dyn Device>, hub: &MemoryHub, name: &str, clock:
 
 async fn accept_memory(mut device: Box<dyn Device>, mut listener: MemoryListener, clock: Clock) {
     while let Some(stream) = listener.accept().await {
-        let refuses = device.refuses_second();
+        let mut refuses = device.refuses_second();
         let served = serve(device.as_mut(), stream, &clock);
-        finish(alone(served, refuses, async || listener.accept().await.is_some()).await);
+        tokio::pin!(served);
+        let outcome = loop {
+            tokio::select! {
+                outcome = &mut served => break outcome,
+                // Dropped at once: the connection is closed from this side.
+                second = listener.accept(), if refuses => refuses = second.is_some(),
+            }
+        };
+        finish(outcome);
     }
 }
 
@@ -109,25 +117,16 @@ async fn accept_tcp(mut device: Box<dyn Device>, listener: TcpListener, clock: C
         let stream = accept(&listener, &clock).await;
         let refuses = device.refuses_second();
         let served = serve(device.as_mut(), stream, &clock);
-        let second = async || {
-            accept(&listener, &clock).await;
-            true
+        tokio::pin!(served);
+        let outcome = loop {
+            tokio::select! {
+                outcome = &mut served => break outcome,
+                // Dropped at once: the connection is closed from this side.
+                _ = accept(&listener, &clock), if refuses => {}
+            }
         };
-        finish(alone(served, refuses, second).await);
+        finish(outcome);
     }
-}
-
-/// Serves one client; where others are refused meanwhile, they are accepted and dropped at once. `second` says whether there can be more of them.
-async fn alone(served: impl Future<Output = io::Result<()>>, refuses: bool, mut second: impl AsyncFnMut() -> bool) -> io::Result<()> {
-    tokio::pin!(served);
-    let mut refuses = refuses;
-    while refuses {
-        tokio::select! {
-            outcome = &mut served => return outcome,
-            more = second() => refuses = more,
-        }
-    }
-    served.await
 }
 
 /// Waits for the next client.
