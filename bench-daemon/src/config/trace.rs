@@ -81,8 +81,7 @@ impl Check<'_> {
         let (rows, averaged) = match raw.step {
             Some(step) => {
                 let step_s = self.within(&field("step"), step.si, (1.0e-3, 3600.0), "s")?;
-                let (rows, averaged) =
-                    average::averaged(&rows, step_s).map_err(|reason| self.complain(&field("step"), reason))?;
+                let (rows, averaged) = average::averaged(&rows, step_s).map_err(|reason| self.complain(&field("step"), reason))?;
                 (rows, averaged)
             }
             None => (rows, None),

@@ -90,7 +90,8 @@ impl Executor<'_> {
     }
 
     async fn prepare_load(&mut self, work: &mut Work<'_>, power: bool) -> Result<(), ExecuteError> {
-        let greatest = |of: fn(&Level) -> Option<f64>| work.trace.levels.iter().filter_map(of).fold(0.0, |most: f64, value| most.max(-value));
+        let greatest =
+            |of: fn(&Level) -> Option<f64>| work.trace.levels.iter().filter_map(of).fold(0.0, |most: f64, value| most.max(-value));
         let draw = if power {
             Draw::Power(Watts(greatest(|level| level.power_w)))
         } else {

@@ -336,7 +336,12 @@ impl Executor<'_> {
         Ok(TraceRow { time_s, current_a, voltage_v, temperature_c: self.last_c.unwrap_or(f64::NAN), samples: mean.samples as f64 })
     }
 
-    pub(super) fn finish_trace(&mut self, trace: &TracePlan, zero: &Zero, (origin_s, recorded): (f64, Recorded)) -> Result<(), ExecuteError> {
+    pub(super) fn finish_trace(
+        &mut self,
+        trace: &TracePlan,
+        zero: &Zero,
+        (origin_s, recorded): (f64, Recorded),
+    ) -> Result<(), ExecuteError> {
         let charge_c: f64 =
             recorded.rows.windows(2).map(|pair| 0.5 * (pair[0].current_a + pair[1].current_a) * (pair[1].time_s - pair[0].time_s)).sum();
         let scatter = recorded.squares.map(|square| (square / recorded.frames.max(1) as f64).sqrt());

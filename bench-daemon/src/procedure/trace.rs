@@ -60,11 +60,8 @@ pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: bool, s
         held,
     };
     let (mount, zero) = (Step::Mount(Fixture::Cell), Step::Zero(plan.clone()));
-    let steps = if plan.bipolar() {
-        vec![mount, zero, up, Step::Trace(plan), Step::PowerDown]
-    } else {
-        vec![mount, zero, Step::Trace(plan)]
-    };
+    let steps =
+        if plan.bipolar() { vec![mount, zero, up, Step::Trace(plan), Step::PowerDown] } else { vec![mount, zero, Step::Trace(plan)] };
     Stage { purpose: Purpose::Trace, steps }
 }
 

@@ -49,7 +49,9 @@ impl Check<'_> {
     fn bipolar(&self, rows: &[Row]) -> Result<Through, String> {
         let ((greatest_a, what), least_v) = (self.driven_a()?, self.cell.limits.min_v);
         self.present(self.bench.instruments.load.is_some(), "load")?;
-        self.each(rows, (SHORTEST_BIPOLAR_S, "the bipolar supply step by step"), |row| within(row, least_v, (-greatest_a, greatest_a), &what))?;
+        self.each(rows, (SHORTEST_BIPOLAR_S, "the bipolar supply step by step"), |row| {
+            within(row, least_v, (-greatest_a, greatest_a), &what)
+        })?;
         Ok(Through::Bipolar)
     }
 
@@ -65,7 +67,10 @@ impl Check<'_> {
             let steps = row.duration_s / step_s;
             if (steps - steps.round()).abs() > WHOLE {
                 let found = row.duration_s;
-                return Err(format!("row {}: expected a multiple of the shortest row, {step_s} s, found {found} s; `step` averages", index + 1));
+                return Err(format!(
+                    "row {}: expected a multiple of the shortest row, {step_s} s, found {found} s; `step` averages",
+                    index + 1
+                ));
             }
         }
         let length_s = BEFORE_S + rows.iter().map(|row| row.duration_s).sum::<f64>();
