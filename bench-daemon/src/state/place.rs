@@ -9,7 +9,7 @@ use std::{
     path::PathBuf,
 };
 
-use instruments::transport::Address;
+use instruments::transport::{Adapter, Address, Socket, Vxi11Port};
 
 use super::StateError;
 use crate::{config, hash};
@@ -43,24 +43,41 @@ fn root() -> Result<PathBuf, StateError> {
 /// What an address means: the name as it is typed, and what it stands for at present. One in common is enough.
 fn keys(address: &Address) -> Vec<String> {
     match address {
-        Address::Tcp { host, port } => {
-            let host = host.trim_matches(['[', ']', '.']).to_ascii_lowercase();
-            let found = match host.parse::<IpAddr>() {
-                Ok(ip) => vec![ip],
-                Err(_) => (host.as_str(), *port).to_socket_addrs().map_or_else(|_| Vec::new(), |found| found.map(|at| at.ip()).collect()),
-            };
-            let here = found.iter().any(|ip| ip.to_canonical().is_loopback());
-            let numbers = found.iter().map(|ip| if here { "localhost".to_owned() } else { ip.to_canonical().to_string() });
-            let name = host.parse::<IpAddr>().is_err().then_some(host.clone());
-            numbers.chain(name).map(|host| format!("tcp {host} {port}")).collect()
+        Address::Tcp(socket) => hosts(socket).map(|host| format!("tcp {host} {}", socket.port)).collect(),
+        Address::HiSlip { socket, device } => hosts(socket).map(|host| format!("hislip {host} {} {device}", socket.port)).collect(),
+        Address::Vxi11 { host, port, device } => {
+            let (Vxi11Port::Fixed(number) | Vxi11Port::Mapped(number)) = *port;
+            hosts(&Socket { host: host.clone(), port: number }).map(|host| format!("vxi11 {host} {number} {device}")).collect()
         }
-        // A name below /dev/serial stays when the cable is plugged in elsewhere, and stands for one that does not.
-        Address::Serial(settings) => {
-            let stands_for = fs::canonicalize(&settings.path).ok().map(|path| path.display().to_string());
-            std::iter::once(settings.path.clone()).chain(stands_for).map(|path| format!("serial {path}")).collect()
+        Address::Gpib { adapter: Adapter::Tcp(socket), address } => {
+            hosts(socket).map(|host| format!("gpib {host} {} {address}", socket.port)).collect()
         }
+        Address::Gpib { adapter: Adapter::Serial(settings), address } => {
+            paths(&settings.path).map(|path| format!("gpib {path} {address}")).collect()
+        }
+        Address::Serial(settings) => paths(&settings.path).map(|path| format!("serial {path}")).collect(),
+        Address::UsbTmc { path } => paths(path).map(|path| format!("usbtmc {path}")).collect(),
         Address::Memory { .. } => Vec::new(),
     }
+}
+
+/// A host's name and its numbers.
+fn hosts(Socket { host, port }: &Socket) -> impl Iterator<Item = String> {
+    let host = host.trim_matches(['[', ']', '.']).to_ascii_lowercase();
+    let number = host.parse::<IpAddr>().ok();
+    let found = match number {
+        Some(ip) => vec![ip],
+        None => (host.as_str(), *port).to_socket_addrs().map_or_else(|_| Vec::new(), |found| found.map(|at| at.ip()).collect()),
+    };
+    let here = found.iter().any(|ip| ip.to_canonical().is_loopback());
+    let name = number.is_none().then_some(host);
+    found.into_iter().map(move |ip| if here { "localhost".to_owned() } else { ip.to_canonical().to_string() }).chain(name)
+}
+
+/// A device's file and what it stands for: a name below /dev/serial stays when the cable is plugged in elsewhere, and stands for one that does not.
+fn paths(path: &str) -> impl Iterator<Item = String> {
+    let stands_for = fs::canonicalize(path).ok().map(|path| path.display().to_string());
+    std::iter::once(path.to_owned()).chain(stands_for)
 }
 
 /// A name that a person recognises and that no other key has.
@@ -86,10 +103,18 @@ mod tests {
             ("tcp://[2001:DB8:0:0::1]:5025", "tcp://[2001:db8::1]:5025"),
             ("tcp://Scope.Invalid:5025", "tcp://scope.invalid.:5025"),
             ("serial:/dev/ttyUSB0?baud=4800", "serial:/dev/ttyUSB0"),
+            ("vxi11:10.1.2.3", "vxi11:[::ffff:10.1.2.3]/inst0?portmapper=111"),
+            ("hislip:10.1.2.3:4880/hislip0", "hislip:10.1.2.3"),
+            ("gpib:serial:/dev/ttyUSB0/7?baud=115200", "gpib:serial:/dev/ttyUSB0/7"),
         ] {
             assert!(of(one).iter().any(|key| of(other).contains(key)), "{:?} {:?}", of(one), of(other));
         }
-        for (one, other) in [("tcp://10.1.2.3:5025", "tcp://10.1.2.3:5026"), ("tcp://10.1.2.3:5025", "tcp://10.1.2.4:5025")] {
+        for (one, other) in [
+            ("tcp://10.1.2.3:5025", "tcp://10.1.2.3:5026"),
+            ("tcp://10.1.2.3:5025", "tcp://10.1.2.4:5025"),
+            ("gpib:tcp:10.1.2.3:1234/7", "gpib:tcp:10.1.2.3:1234/8"),
+            ("usbtmc:/dev/usbtmc0", "usbtmc:/dev/usbtmc1"),
+        ] {
             assert!(!of(one).iter().any(|key| of(other).contains(key)), "{one} {other}");
         }
     }
