@@ -61,6 +61,8 @@ impl Past {
             Step::Trace(trace) => index.traces.iter().any(|known| known.name == trace.name && known.repeat == trace.repeat),
             _ => false,
         };
+        // A world in virtual time is played again from its beginning: nothing of its charge is unknown.
+        let accept_charge = accept_charge || story.started.time == TimeMode::Virtual.to_string();
         let next = story.next(plan.plan(), recorded, accept_charge).map_err(|stuck| usage(stuck.to_string()))?;
         Ok((experiment, Self { read, story, next }))
     }
