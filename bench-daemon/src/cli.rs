@@ -87,7 +87,7 @@ enum Command {
     Plan(PlanArgs),
     /// Serve the simulated instruments of a bench on real ports until stopped.
     Mock(MockArgs),
-    /// Ask every instrument of a bench who it is. Changes nothing on any of them.
+    /// Ask instruments who they are, what they can do and what is programmed into them. Changes nothing on any of them.
     Identify(IdentifyArgs),
     /// Switch a bench off, whoever runs it, and print what was read back.
     Safe(command::safe::SafeArgs),
@@ -178,8 +178,9 @@ pub struct MockArgs {
 /// Arguments of `identify`.
 #[derive(Debug, Args)]
 pub struct IdentifyArgs {
-    /// The bench file.
-    pub bench: PathBuf,
+    /// Bench or experiment files, and addresses of single instruments: `tcp://HOST:PORT`, `serial:/dev/PORT?baud=9600`.
+    #[arg(required = true, value_name = "CONFIG|ADDRESS")]
+    pub of: Vec<String>,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,

@@ -32,5 +32,6 @@ pub mod sim;
 pub mod state;
 pub mod story;
 pub mod study;
+pub mod survey;
 pub mod terminal;
 pub mod wishes;

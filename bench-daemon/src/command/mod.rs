@@ -47,6 +47,16 @@ pub enum Failure {
     /// A bench that cannot be used.
     #[error(transparent)]
     Bench(#[from] BenchError),
+    /// Not every instrument is there, or of a known model.
+    #[error("{wrong} of {asked} instruments did not answer, or are not the model that was expected: {listed}")]
+    Unidentified {
+        /// How many were asked.
+        asked: usize,
+        /// How many are wrong.
+        wrong: usize,
+        /// Their roles or addresses.
+        listed: String,
+    },
     /// A simulation that cannot be made.
     #[error(transparent)]
     Sim(#[from] SimError),
@@ -94,7 +104,7 @@ impl Failure {
             Self::Usage(_) | Self::Config(_) | Self::Plan(_) => 2,
             Self::Sim(SimError::Config(_) | SimError::Real { .. } | SimError::Model { .. }) => 2,
             Self::Record(RecordError::NotEmpty { .. }) => 2,
-            Self::Bench(_) | Self::Sim(SimError::Port { .. }) => 3,
+            Self::Bench(_) | Self::Unidentified { .. } | Self::Sim(SimError::Port { .. }) => 3,
             Self::Execute(ExecuteError::Trip(_) | ExecuteError::CellLeftIn { .. }) => 5,
             Self::Execute(ExecuteError::Record(_)) | Self::Record(_) | Self::Analysis(_) | Self::Panic(_) | Self::System(_) => 1,
             Self::Execute(ExecuteError::Aborted) => 130,

@@ -94,6 +94,8 @@ pub struct Bench {
     pub state_folder: PathBuf,
     /// The process that watches over it.
     pub guardian: Guardian,
+    /// What a run asks of the last look of the doctor.
+    pub doctor: Doctor,
 }
 
 impl Bench {
@@ -115,6 +117,15 @@ pub struct Guardian {
     pub lease_s: f64,
     /// The daemon may compute for so long between two waits, s: after that it counts as hung, and the lease is not renewed.
     pub stall_s: f64,
+}
+
+/// What a run asks of the last report of `eis-bench doctor`.
+#[derive(Debug, Clone, Copy)]
+pub struct Doctor {
+    /// Without a valid report nothing is energised; else its want is remarked.
+    pub required: bool,
+    /// A report is valid for so long, s.
+    pub valid_for_s: f64,
 }
 
 /// The instruments by role.
@@ -184,6 +195,15 @@ pub struct Instrument {
     pub model: String,
     /// Where it is reached.
     pub address: Address,
+    /// What the identity of another model contains that is to be spoken to as this one all the same.
+    pub accept: Option<String>,
+}
+
+impl Instrument {
+    /// Whether it is to be spoken to as this model although it answers as another one.
+    pub fn accepts(&self, identity: &str) -> bool {
+        self.accept.as_deref().is_some_and(|text| !text.is_empty() && identity.contains(text))
+    }
 }
 
 /// Who changes the fixture.

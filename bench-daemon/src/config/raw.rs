@@ -255,6 +255,16 @@ pub(super) struct Bench {
     pub(super) state_folder: Option<String>,
     #[serde(default)]
     pub(super) guardian: Guardian,
+    #[serde(default)]
+    pub(super) doctor: Doctor,
+}
+
+/// What a run asks of the last `eis-bench doctor`.
+#[derive(Debug, Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Doctor {
+    pub(super) required: bool,
+    pub(super) valid_for: Option<Quantity<Duration>>,
 }
 
 #[derive(Debug, Deserialize, Default)]
@@ -282,6 +292,8 @@ pub(super) struct Instruments {
 pub(super) struct Instrument {
     pub(super) model: String,
     pub(super) address: String,
+    /// What the identity of another model contains that is to be spoken to as this one.
+    pub(super) accept: Option<String>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -289,6 +301,7 @@ pub(super) struct Instrument {
 pub(super) struct Logger {
     pub(super) model: String,
     pub(super) address: String,
+    pub(super) accept: Option<String>,
     pub(super) cell_channel: u16,
     pub(super) ambient_channel: Option<u16>,
 }

@@ -18,7 +18,7 @@ use instruments::{
     transport::Address,
 };
 
-use super::{Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw};
+use super::{Bench, Cell, ConfigError, Doctor, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw};
 use crate::interlock::Limits;
 
 /// Reads an experiment with its bench (or another one in its place) and its cell.
@@ -169,6 +169,7 @@ fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
         path: source.path().to_owned(),
         state_folder,
         guardian: resolve_guardian(source, &raw.guardian)?,
+        doctor: resolve_doctor(source, &raw.doctor)?,
     })
 }
 
@@ -195,6 +196,17 @@ fn resolve_guardian(source: &Source, raw: &raw::Guardian) -> Result<Guardian, Co
         lease_s: within("lease", raw.lease.map_or(GUARDIAN.0, |lease| lease.si), (1.0, 600.0))?,
         stall_s: within("stall", raw.stall.map_or(GUARDIAN.1, |stall| stall.si), (1.0, 600.0))?,
     })
+}
+
+/// A report of the doctor is valid for so long unless that is typed, s.
+const DOCTOR_VALID_S: f64 = 90.0 * 86_400.0;
+
+fn resolve_doctor(source: &Source, raw: &raw::Doctor) -> Result<Doctor, ConfigError> {
+    let valid_for_s = raw.valid_for.map_or(DOCTOR_VALID_S, |span| span.si);
+    if valid_for_s <= 0.0 {
+        return Err(source.complain("doctor.valid_for", format!("expected a duration above 0 s, found {valid_for_s} s")));
+    }
+    Ok(Doctor { required: raw.required, valid_for_s })
 }
 
 /// What the open jig may leak at most; the leak itself is anything from nothing to that.
@@ -303,14 +315,18 @@ fn known(source: &Source, field: &str, raw: &raw::Known) -> Result<KnownImpedanc
 
 fn resolve_instruments(source: &Source, raw: &raw::Instruments) -> Result<Instruments, ConfigError> {
     let resolve = |role: &str, instrument: &Option<raw::Instrument>, keys: &[&str]| {
-        instrument.as_ref().map(|raw| resolve_instrument(source, role, (&raw.model, &raw.address), keys)).transpose()
+        let resolve = |raw: &raw::Instrument| {
+            let resolved = resolve_instrument(source, role, (&raw.model, &raw.address), keys)?;
+            Ok(Instrument { accept: raw.accept.clone(), ..resolved })
+        };
+        instrument.as_ref().map(resolve).transpose()
     };
     let logger = raw
         .logger
         .as_ref()
         .map(|raw| {
             resolve_instrument(source, "logger", (&raw.model, &raw.address), &keys(logger::DIALECTS))
-                .map(|instrument| (instrument, raw.cell_channel, raw.ambient_channel))
+                .map(|resolved| (Instrument { accept: raw.accept.clone(), ..resolved }, raw.cell_channel, raw.ambient_channel))
         })
         .transpose()?;
     let jig = raw.jig.as_ref().map(|raw| resolve_jig(source, raw)).transpose()?;
@@ -337,7 +353,7 @@ fn resolve_instrument(source: &Source, role: &str, (model, address): (&str, &str
         return Err(source.complain(&format!("instruments.{role}.model"), reason));
     }
     let address = address.parse().map_err(|error| source.complain(&format!("instruments.{role}.address"), format!("{error}")))?;
-    Ok(Instrument { model: model.to_owned(), address })
+    Ok(Instrument { model: model.to_owned(), address, accept: None })
 }
 
 fn resolve_jig(source: &Source, raw: &raw::Jig) -> Result<Jig, ConfigError> {
