@@ -10,6 +10,7 @@ pub mod command;
 pub mod config;
 pub mod custody;
 pub mod dataset;
+pub mod doctor;
 pub mod drill;
 pub mod executor;
 pub mod fixture_check;

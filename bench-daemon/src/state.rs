@@ -336,7 +336,7 @@ pub fn pid() -> i32 {
 }
 
 /// The person at the machine, by the name of their account.
-fn who() -> String {
+pub fn who() -> String {
     let uid = nix::unistd::Uid::current();
     nix::unistd::User::from_uid(uid).ok().flatten().map_or_else(|| format!("uid {uid}"), |user| user.name)
 }

@@ -229,9 +229,7 @@ impl Any {
                 let limits = supply4q::Limits { compliance: Volts(1.0), current: Amps(1.0) };
                 [instrument.dialect().output(false), instrument.dialect().prepare(&limits), instrument.dialect().analog(false)].concat()
             }
-            Self::Generator(instrument) => {
-                [instrument.dialect().output(1, false), instrument.dialect().quiet(1, Volts(0.0))].concat()
-            }
+            Self::Generator(instrument) => [instrument.dialect().output(1, false), instrument.dialect().quiet(1, Volts(0.0))].concat(),
             Self::Scope(instrument) => {
                 let vertical = |channel| Intent::Vertical(Vertical { channel, per_div: Volts(1.0), offset: Volts(0.0) });
                 let intents = (1..=4).map(vertical).chain([Intent::Timebase(Seconds(0.01)), Intent::Session { memory_points: 1_000_000 }]);

@@ -143,7 +143,8 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
             }
         }
         let mut all = Vec::new();
-        let known: Vec<Known> = answered.iter().flat_map(|identity| Known::all().into_iter().filter(|known| known.recognises(identity))).collect();
+        let known: Vec<Known> =
+            answered.iter().flat_map(|identity| Known::all().into_iter().filter(|known| known.recognises(identity))).collect();
         for known in &known {
             let start_s = clock.machine_s();
             let said = match Link::open(options(address, known, &clock)).await {
@@ -159,7 +160,15 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
             let could_be_forced = answered.as_ref().map_or_else(Vec::new, |identity| forcing(None, identity, address));
             let said = answered.map(Said::unknown);
             let failure = failure.filter(|_| said.is_none()).map(|error| error.to_string());
-            all.push(Found { role: None, model: None, address: address.to_string(), said, failure, took_s: clock.machine_s(), could_be_forced });
+            all.push(Found {
+                role: None,
+                model: None,
+                address: address.to_string(),
+                said,
+                failure,
+                took_s: clock.machine_s(),
+                could_be_forced,
+            });
         }
         if !quiet {
             all.iter().for_each(print);

@@ -2,6 +2,7 @@
 
 pub mod clear;
 pub mod diagnose;
+pub mod doctor;
 pub mod effects;
 mod files;
 pub mod fit;
@@ -69,6 +70,9 @@ pub enum Failure {
     /// The fixture check.
     #[error("fixture check failed: {0}")]
     FixtureCheck(String),
+    /// The doctor found something wrong.
+    #[error("the doctor found what must be mended first: {0}")]
+    Doctor(String),
     /// Ctrl-C, or another request to stop.
     #[error("stopped on request; the bench is in safe state, finished points are in {0}")]
     Interrupted(String),
@@ -109,7 +113,7 @@ impl Failure {
             Self::Execute(ExecuteError::Record(_)) | Self::Record(_) | Self::Analysis(_) | Self::Panic(_) | Self::System(_) => 1,
             Self::Execute(ExecuteError::Aborted) => 130,
             Self::Execute(_) => 3,
-            Self::FixtureCheck(_) => 4,
+            Self::FixtureCheck(_) | Self::Doctor(_) => 4,
             Self::Unsafe { .. } => 6,
             Self::State(StateError::Latched { .. }) => 7,
             Self::State(StateError::Busy { .. }) | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,

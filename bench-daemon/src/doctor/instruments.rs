@@ -4,7 +4,7 @@ use instruments::{
     load::Discharge,
     supply::Charge,
     supply4q,
-    units::{Amps, Volts},
+    units::{Amps, Celsius, Volts},
 };
 
 use super::{Examination, Findings, Verdict, live::LIMITS};
@@ -53,7 +53,30 @@ impl Examination<'_> {
             return Ok(());
         }
         self.limits().await;
-        self.thermometers().await
+        self.thermometers().await?;
+        self.chiller().await
+    }
+
+    /// The set-point goes to where the bath is, it is started and stopped again: in manual mode this family ignores commands without a word.
+    async fn chiller(&mut self) -> Result<(), BenchError> {
+        let (id, expected) = ("chiller.obeys", "a set-point, a start and a stop, each read back");
+        let error = self.bench.error("chiller");
+        let Some(chiller) = self.bench.chiller.as_mut() else { return Ok(()) };
+        if chiller.status().await.map_err(&error)?.running {
+            self.findings.skip(&[id], "it runs already, and is left alone", "");
+            return Ok(());
+        }
+        let (least, greatest) = chiller.range();
+        let bath = chiller.temperature().await.map_err(&error)?.value();
+        let setpoint = Celsius(bath.clamp(least.value(), greatest.value()).round());
+        let obeyed = chiller.start(setpoint).await;
+        let stopped = chiller.stop().await;
+        let good = obeyed.is_ok() && stopped.is_ok();
+        let met = obeyed
+            .and(stopped)
+            .map_or_else(|error| error.to_string(), |()| format!("at {:.0} °C, the bath at {bath:.2} °C", setpoint.value()));
+        self.findings.judge(id, (expected, met), good, "set it to remote control on its panel, and clear its alarm");
+        Ok(())
     }
 
     async fn limits(&mut self) {

@@ -6,7 +6,13 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use instruments::{clock::Clock, mock::plant::Fixture, supply4q, transport::MemoryHub, units::{Amps, Volts}};
+use instruments::{
+    clock::Clock,
+    mock::plant::Fixture,
+    supply4q,
+    transport::MemoryHub,
+    units::{Amps, Volts},
+};
 use nix::sys::signal::{Signal, raise};
 
 use super::{Findings, Verdict, live::LIMITS};
@@ -16,8 +22,8 @@ use crate::{
     config,
     custody::Custody,
     guardian::Charge,
-    progress::Progress,
     plan::Plan,
+    progress::Progress,
     state::State,
     terminal::say,
 };

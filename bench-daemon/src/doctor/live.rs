@@ -79,6 +79,7 @@ impl Examination<'_> {
             load.watch().await.map_err(error)?;
         }
         let volts = self.jig_v().await?;
+        self.zero_v = self.frame().await?.each_ref().map(|waveform| Level::of(waveform).mean_v);
         let texts = (format!("less than {COPPER_V} V at the jig with every output off"), format!("{volts:.3} V"));
         // A reading that is not a number is refused too.
         let advice = "take the cell out of the jig: the control belongs in its place, never beside it";
@@ -111,7 +112,6 @@ impl Examination<'_> {
         let advice = if verdict == Verdict::Ok { String::new() } else { advice };
         let texts = (format!("less than {} A with the command at zero", ZERO_A.0), format!("{:+.4} A", seen.amps));
         self.findings.add("zero.current", texts, verdict, &advice);
-        self.zero_v = seen.levels.map(|level| level.mean_v);
         self.channels(&seen.levels);
         Ok(verdict != Verdict::Fail)
     }
@@ -210,7 +210,8 @@ impl Examination<'_> {
         let amps = self.see().await?.amps;
         self.down().await?;
         let kept = amps.abs() <= limit_a * (1.0 + KEPT.0) + KEPT.1;
-        let advice = "the limit does not bound the analog input of this unit: nothing but the plan, the interlock and a fuse bound its current";
+        let advice =
+            "the limit does not bound the analog input of this unit: nothing but the plan, the interlock and a fuse bound its current";
         let texts = (format!("at most {limit_a} A, against a command of {command_a} A"), format!("{amps:.3} A"));
         self.findings.add(id, texts, if kept { Verdict::Ok } else { Verdict::Warn }, if kept { "" } else { advice });
         Ok(())

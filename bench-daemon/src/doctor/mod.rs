@@ -18,7 +18,8 @@ mod steps;
 use ::instruments::{clock::Clock, mock::plant::Fixture};
 
 pub use findings::{Check, Findings, Verdict};
-pub use lease::hold;
+pub use instruments::reached;
+pub use lease::{hold, lease};
 pub use machine::machine;
 pub use report::{Instrument, Outcome, Report, write};
 pub use standing::{REPORT, standing};
@@ -47,6 +48,9 @@ pub const LIVE: [&str; 16] = [
     "limit.charger",
     "safe.state",
 ];
+
+/// What a guardian may find at a jig with copper in it, V.
+pub const COPPER_WINDOW_V: (f64, f64) = (-1.0, 1.0);
 
 /// A bench under examination.
 pub struct Examination<'a> {

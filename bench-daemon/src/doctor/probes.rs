@@ -9,18 +9,18 @@ use instruments::mock::plant::Fixture;
 
 /// What the bench file says of the loop.
 #[derive(Debug, Clone, Copy)]
-pub struct Loop {
+pub(super) struct Loop {
     /// What the probes C3 and C4 are on.
-    pub fixture: Fixture,
+    pub(super) fixture: Fixture,
     /// The current shunt, Ω.
-    pub shunt_ohm: f64,
+    pub(super) shunt_ohm: f64,
     /// The fixture, Ω.
-    pub fixture_ohm: f64,
+    pub(super) fixture_ohm: f64,
 }
 
 /// A mistake at the probes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Mistake {
+pub(super) enum Mistake {
     /// All as it should be.
     None,
     /// Channels 1 to 4 see what belongs to these.
@@ -43,7 +43,7 @@ const MOST_WIRE_OHM: f64 = 0.3;
 
 impl Loop {
     /// Every simplest explanation of four readings in Ω: the voltages' change over that of the current. None where not a single mistake explains them.
-    pub fn explain(&self, readings: [f64; 4]) -> Vec<Mistake> {
+    pub(super) fn explain(&self, readings: [f64; 4]) -> Vec<Mistake> {
         if self.possible(readings, None) {
             return vec![Mistake::None];
         }
@@ -93,7 +93,7 @@ impl Loop {
 
 impl Mistake {
     /// The check that it belongs to.
-    pub fn id(&self) -> &'static str {
+    pub(super) fn id(&self) -> &'static str {
         match self {
             Self::Order(order) if order[0] >= 2 || order[1] >= 2 => "probes.swapped",
             Self::Order(order) if order[0] != 0 => "probes.current_pair",
@@ -103,7 +103,7 @@ impl Mistake {
     }
 
     /// What is wrong, and what to do.
-    pub fn words(&self) -> (String, String) {
+    pub(super) fn words(&self) -> (String, String) {
         match *self {
             Self::None => ("every probe where it belongs".to_owned(), String::new()),
             Self::Order([1, 0, 2, 3]) => ("the pair C1, C2 is reversed".to_owned(), "swap the leads C1 and C2 at the shunt".to_owned()),
@@ -114,8 +114,10 @@ impl Mistake {
             ),
             Self::Order(order) => {
                 let on = |place: usize| format!("C{}", place + 1);
-                let listed: Vec<String> =
-                    (0..4).filter(|slot| order[*slot] != *slot).map(|slot| format!("{} is where {} belongs", on(slot), on(order[slot]))).collect();
+                let listed: Vec<String> = (0..4)
+                    .filter(|slot| order[*slot] != *slot)
+                    .map(|slot| format!("{} is where {} belongs", on(slot), on(order[slot])))
+                    .collect();
                 (listed.join(", "), "bring the leads into the order C1, C2 at the shunt, C3 (−), C4 (+) at the jig".to_owned())
             }
             Self::Factor(channel, -1.0) => {

@@ -18,23 +18,23 @@ const VOLTMETER_V: f64 = 2.0e-3;
 
 /// What changed from the lower to the upper level of the command.
 #[derive(Debug, Clone, Copy)]
-pub struct Step {
+pub(super) struct Step {
     /// The current that the configured gain should give, A.
-    pub wanted_a: f64,
+    pub(super) wanted_a: f64,
     /// By the bipolar supply's ammeter, A.
-    pub ammeter_a: f64,
+    pub(super) ammeter_a: f64,
     /// By its voltmeter, V.
-    pub supply_v: f64,
+    pub(super) supply_v: f64,
     /// By the voltmeter of the load, where there is one, V.
-    pub load_v: Option<f64>,
+    pub(super) load_v: Option<f64>,
     /// By the four channels, V.
-    pub channels_v: [f64; 4],
+    pub(super) channels_v: [f64; 4],
     /// The configured trim of the command.
-    pub trim: f64,
+    pub(super) trim: f64,
 }
 
 /// Judges a step; says whether all of probes and drive can be believed.
-pub fn judge(findings: &mut Findings, circuit: &Loop, step: &Step) -> bool {
+pub(super) fn judge(findings: &mut Findings, circuit: &Loop, step: &Step) -> bool {
     let by = |reference_a: f64| step.channels_v.map(|volts| volts / reference_a);
     let [c1, c2, c3, c4] = step.channels_v;
     let shunt_a = (c2 - c1) / circuit.shunt_ohm;
@@ -130,7 +130,10 @@ fn drive(findings: &mut Findings, step: &Step, current_a: f64, known: bool) -> b
     let (verdict, advice) = if off <= GAIN.0 {
         (Verdict::Ok, String::new())
     } else if ratio < 0.0 {
-        (Verdict::Fail, "the current runs against the command: swap the leads at the supply's output, or the signal at its analog input".to_owned())
+        (
+            Verdict::Fail,
+            "the current runs against the command: swap the leads at the supply's output, or the signal at its analog input".to_owned(),
+        )
     } else {
         let advice = format!(
             "the drive gives {ratio:.3} of what the bench file says: check model and range of the supply and the generator's load setting; if they are \
