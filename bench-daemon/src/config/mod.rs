@@ -359,6 +359,8 @@ pub struct Eis {
     pub steps_a: Vec<f64>,
     /// Each sweep goes there and back, and every point counts at the time in between.
     pub compensate_drift: bool,
+    /// The next point settles while the record of this one is fetched and analysed; where it is not said, in real time only.
+    pub overlap: Option<bool>,
     /// What a point must be to be kept without a flag, where it is asked for.
     pub quality: Option<Quality>,
 }

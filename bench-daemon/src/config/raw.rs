@@ -120,6 +120,8 @@ pub(super) struct Eis {
     /// Each sweep there and back, and every point at the time in between.
     #[serde(default)]
     pub(super) compensate_drift: bool,
+    /// The next point settles while the record of this one is fetched and analysed.
+    pub(super) overlap: Option<bool>,
     pub(super) quality: Option<super::quality::Raw>,
 }
 

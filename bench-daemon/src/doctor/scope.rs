@@ -11,7 +11,7 @@ use crate::bench::BenchError;
 /// Length of a frame, s. From here on a roll keeps what the screen held.
 const SPAN_S: f64 = 0.5;
 /// Waited for a frame, as a multiple of its length.
-const WAIT: f64 = 1.4;
+const WAIT: f64 = 2.5;
 const POINTS: u64 = 10_000;
 /// A range that clips is made wider by this, so many times at most.
 const WIDER: f64 = 5.0;

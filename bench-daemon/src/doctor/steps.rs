@@ -53,22 +53,22 @@ pub(super) fn judge(findings: &mut Findings, circuit: &Loop, step: &Step) -> boo
         (step.ammeter_a, explained)
     };
     let sound = mistakes == [Mistake::None];
-    ammeter(findings, step, (sound, shunt_a));
+    let metered = ammeter(findings, step, (sound, shunt_a));
     probes(findings, circuit, (&mistakes, by(current_a)));
     let gain = drive(findings, step, current_a, sound || !mistakes.is_empty());
     voltmeter(findings, (circuit, step), (sound, c4 - c2, c3));
-    sound && gain
+    sound && gain && metered
 }
 
 fn wanted(step: &Step) -> String {
     format!("{:+.3} A", step.wanted_a)
 }
 
-fn ammeter(findings: &mut Findings, step: &Step, (sound, shunt_a): (bool, f64)) {
+fn ammeter(findings: &mut Findings, step: &Step, (sound, shunt_a): (bool, f64)) -> bool {
     let texts = (format!("{shunt_a:+.4} A, as the shunt carries"), format!("{:+.4} A", step.ammeter_a));
     if !sound {
         findings.skip(&["meters.ammeter"], "the probes cannot be believed", "mend the probes first");
-        return;
+        return false;
     }
     let ratio = step.ammeter_a / shunt_a;
     let advice = if ratio.abs() < NOTHING {
@@ -78,7 +78,7 @@ fn ammeter(findings: &mut Findings, step: &Step, (sound, shunt_a): (bool, f64)) 
     } else {
         "the ammeter and the shunt disagree: check wiring.shunt.resistance against the shunt's plate, then the supply's calibration"
     };
-    findings.judge("meters.ammeter", texts, (ratio - 1.0).abs() <= AGREE, advice);
+    findings.judge("meters.ammeter", texts, (ratio - 1.0).abs() <= AGREE, advice)
 }
 
 fn probes(findings: &mut Findings, circuit: &Loop, (mistakes, readings): (&[Mistake], [f64; 4])) {

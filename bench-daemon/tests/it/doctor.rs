@@ -126,7 +126,7 @@ fn a_cell_that_is_still_in_the_jig_is_found_before_anything_goes_on() {
 #[test]
 fn the_lease_is_proven_on_ports_and_a_run_asks_for_the_report() {
     let files = Files::short(6).append(BENCH, "[guardian]\nlease = \"1.5 s\"\n[doctor]\nrequired = true");
-    let ports = Ports::serve(&files, 10.0, 1);
+    let ports = Ports::serve(&files, 4.0, 1);
     let refused = files.run("refused");
     refused.expect_code(2);
     let words = "the bench file requires a report of the doctor: `eis-bench doctor` has never looked at this bench";
