@@ -224,7 +224,7 @@ impl Ports {
         let thread = std::thread::spawn(move || {
             Clock::runtime(mode).unwrap().block_on(async {
                 let clock = Clock::start(mode);
-                let served = simulation.serve_on_ports(&bench, &clock).await.unwrap();
+                let served = simulation.serve_on_ports(&bench, &[], &clock).await.unwrap();
                 tell.send(served.into_iter().map(|mock| (mock.role, mock.address)).collect()).unwrap();
                 let _ = stopped.await;
             });

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test that panics has found something")]
 
+mod conformance;
 mod device;
 mod drivers_common;
 mod drivers_generator;
@@ -19,3 +20,4 @@ mod mocks_random;
 mod mocks_scope;
 mod ports;
 mod replay;
+mod transports;
