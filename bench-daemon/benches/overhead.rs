@@ -1,6 +1,13 @@
 //! How much longer than physics a real-time sweep takes: 20 points from 10 Hz to 300 Hz over sockets, each of them 11 periods and a second of settling. Beside
 //! it a pyvisa script that does the same with the same simulated instruments, where Python has pyvisa and numpy (`benches/peers`).
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs, reason = "a benchmark may end, and prints")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    missing_docs,
+    reason = "a benchmark may end, and prints"
+)]
 
 use std::{
     fs,

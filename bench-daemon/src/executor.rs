@@ -21,9 +21,9 @@ use analysis::{calibration::Correction, multisine::Line};
 use instruments::{
     clock::Clock,
     mock::plant::Fixture,
-    scope::Vertical,
+    scope::{Trigger, Vertical},
     supply4q,
-    units::{Amps, Volts},
+    units::{Amps, Seconds, Volts},
 };
 
 pub use beside::{Bend, Beside};
@@ -107,6 +107,8 @@ pub struct Executor<'a> {
     next: Option<ahead::Next>,
     /// The generator has gone on.
     ahead: Option<ahead::Ahead>,
+    /// Time per division and trigger that the scope was armed with last.
+    armed: Option<(Seconds, Trigger)>,
     /// How long the last reading took, s.
     watch_took_s: f64,
     /// Where the reset of the state of charge stands.
@@ -157,6 +159,7 @@ impl<'a> Executor<'a> {
             stopped_s: 0.0,
             next: None,
             ahead: None,
+            armed: None,
             watch_took_s: 0.0,
             reset: dc::Reset::default(),
             spent: gate::Spent::default(),
@@ -183,7 +186,7 @@ impl<'a> Executor<'a> {
         self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose { repeat } else { 0 };
         self.spent = gate::Spent::default();
         self.reset = dc::Reset::default();
-        self.ahead = None;
+        (self.ahead, self.armed) = (None, None);
         for (index, step) in stage.steps.iter().enumerate() {
             if let Some(known) = entrance.point(index) {
                 points.push(known.point.clone());

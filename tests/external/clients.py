@@ -355,9 +355,17 @@ def our_julabo_driver(program):
 # pyvisa-py over VXI-11 and HiSLIP
 
 
-def visa_instr(resource):
+def resource(address):
+    """`vxi11:HOST:PORT/inst0` and `hislip:HOST:PORT/hislip0` as VISA writes them."""
+    kind, rest = address.split(":", 1)
+    socket_text, device = rest.split("/", 1)
+    host, number = socket_text.rsplit(":", 1)
+    return f"TCPIP0::{host},{number}::{device}::INSTR" if kind == "vxi11" else f"TCPIP0::{host}::{device},{number}::INSTR"
+
+
+def visa_instr(resource_name):
     manager = pyvisa.ResourceManager("@py")
-    scope = manager.open_resource(resource, timeout=10_000)
+    scope = manager.open_resource(resource_name, timeout=10_000)
     with contextlib.closing(scope):
         for _ in range(3):
             if not scope.query("*IDN?").startswith("Siglent Technologies"):
@@ -415,6 +423,12 @@ def main():
             for name, work in clients:
                 if not only or any(word in name for word in only):
                     outcomes.append(run(name, lambda: work(addresses)))
+    over = [("VXI-11", "vxi11"), ("HiSLIP", "hislip")]
+    for transport, word in over:
+        with mocks(program, configs / "benches" / "demo.toml", "--over", f"scope={word}") as addresses:
+            name = f"pyvisa-py over {transport}"
+            if not only or transport in only:
+                outcomes.append(run(name, lambda: visa_instr(resource(addresses["scope"]))))
     if not only or "sinstruments" in only:
         outcomes.append(run("our Julabo driver against sinstruments", lambda: our_julabo_driver(program)))
     counts = {word: outcomes.count(word) for word in ("ok", "skipped", "FAILED")}

@@ -188,14 +188,19 @@ impl Executor<'_> {
         self.apply_verticals().await?;
         let (points, span) = (eis.record_points, Seconds(eis.periods_on_screen / freq_hz));
         let trigger = Trigger { channel: TRIGGER_CHANNEL, level: self.trigger_v };
+        let overlaps = self.overlaps();
         let error = self.bench.error("scope");
         let scope = require(&mut self.bench.scope, "scope")?;
         let (per_div, scope_divisions) = (scope.capabilities().time_per_div(span), scope.capabilities().horizontal_div);
-        for intent in [Intent::Timebase(per_div), Intent::Trigger(trigger), Intent::Arm] {
+        // What nobody has touched since the point before is not sent again where points overlap: it would come out of their settling.
+        let same = self.armed.replace((per_div, trigger)).filter(|_| overlaps);
+        let timebase = (same.map(|armed| armed.0) != Some(per_div)).then_some(Intent::Timebase(per_div));
+        let trigger = (same.map(|armed| armed.1) != Some(trigger)).then_some(Intent::Trigger(trigger));
+        for intent in timebase.into_iter().chain(trigger).chain([Intent::Arm]) {
             scope.set(&intent).await.map_err(&error)?;
         }
         let screen_s = per_div.value() * scope_divisions;
-        if self.overlaps() {
+        if overlaps {
             self.watch_until(self.ripe_s((freq_hz, wait_s), driven_s, screen_s), fixture).await?;
         } else {
             self.wait_watching(wait_s, fixture).await?;
@@ -204,9 +209,14 @@ impl Executor<'_> {
         scope.stop().await.map_err(&error)?;
         self.stopped_s = self.clock.now_s();
         self.go_ahead(fixture).await?;
-        let mut waveforms = Vec::with_capacity(4);
+        let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
         for channel in 1..=4 {
-            waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, points).await.map_err(&error)?);
+            let scope = require(&mut self.bench.scope, "scope")?;
+            let waveform = match waveforms.last().filter(|_| overlaps) {
+                Some(before) => scope.download_beside(channel, points, before).await,
+                None => scope.download(channel, points).await,
+            };
+            waveforms.push(waveform.map_err(&error)?);
             // The current still flows: a download must not stop the watching.
             self.watch_between(fixture).await?;
         }

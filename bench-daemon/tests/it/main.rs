@@ -24,6 +24,7 @@ mod mock_process;
 mod multisine;
 mod ocv_joint;
 mod ocv_soc;
+mod overlap;
 mod quality;
 mod ranging;
 mod real_data;

@@ -115,6 +115,10 @@ impl Dialect for Sds {
         }
     }
 
+    fn beside(&self, channel: u8, _stride: u64) -> Vec<Exchange> {
+        vec![source(":WAVeform:SOURce", channel), start(0)]
+    }
+
     fn queries(&self) -> Queries {
         Queries {
             status: ":TRIGger:STATus?",
