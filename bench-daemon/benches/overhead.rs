@@ -112,7 +112,7 @@ fn took(run: &Path) -> Took {
     let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap();
     let lines: Vec<Value> = journal.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let time_s = |line: &Value| line["time_s"].as_f64().unwrap();
-    let first = lines.iter().find(|line| line.to_string().contains("\"point 1: ")).unwrap();
+    let first = lines.iter().find(|line| line["entry"]["intent"]["text"].as_str().is_some_and(|text| text.starts_with("point"))).unwrap();
     let last = lines.iter().rfind(|line| line.to_string().contains("\"phasors\"")).unwrap();
     let stopped_s = stopped_s(run).unwrap_or_else(|| time_s(last));
     Took { measured_s: stopped_s - time_s(first), recorded_s: time_s(last) - time_s(first) }

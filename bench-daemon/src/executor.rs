@@ -105,6 +105,8 @@ pub struct Executor<'a> {
     stopped_s: f64,
     /// The point after the one in work, where the generator may go on to it.
     next: Option<ahead::Next>,
+    /// The step that is in the journal before its turn.
+    announced: Option<usize>,
     /// The generator has gone on.
     ahead: Option<ahead::Ahead>,
     /// Time per division and trigger that the scope was armed with last.
@@ -158,6 +160,7 @@ impl<'a> Executor<'a> {
             legs: leg::Legs::default(),
             stopped_s: 0.0,
             next: None,
+            announced: None,
             ahead: None,
             armed: None,
             watch_took_s: 0.0,
@@ -186,7 +189,7 @@ impl<'a> Executor<'a> {
         self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose { repeat } else { 0 };
         self.spent = gate::Spent::default();
         self.reset = dc::Reset::default();
-        (self.ahead, self.armed) = (None, None);
+        (self.announced, self.ahead, self.armed) = (None, None, None);
         for (index, step) in stage.steps.iter().enumerate() {
             if let Some(known) = entrance.point(index) {
                 points.push(known.point.clone());
@@ -196,7 +199,7 @@ impl<'a> Executor<'a> {
             }
             self.heed(stage, (index, fixture)).await?;
             tracing::info!("step: {step}");
-            if !self.begun_ahead(index) {
+            if !self.was_announced(index) {
                 self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string() })?;
                 self.recorder.event(&step.to_string())?;
             }

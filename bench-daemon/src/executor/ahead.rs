@@ -11,6 +11,8 @@ use crate::{
     plan::{Stage, Step},
 };
 
+/// A command that was obeyed within this time counts from when it was handed over, s.
+const PROMPT_S: f64 = 0.05;
 /// After arming the scope needs a screen and a period for a record, and this, s.
 const ARMED_S: f64 = 0.05;
 
@@ -28,11 +30,16 @@ pub(super) struct Next {
 /// The generator is at the next point already.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ahead {
-    step: usize,
     freq_hz: f64,
     amplitude_a: f64,
     /// Since when, bench s.
     pub(super) since_s: f64,
+}
+
+impl Next {
+    fn sine(&self) -> Step {
+        Step::Sine { index: self.index, freq_hz: self.freq_hz, amplitude_a: self.amplitude_a, wait_s: self.wait_s }
+    }
 }
 
 impl Executor<'_> {
@@ -54,9 +61,20 @@ impl Executor<'_> {
         }
     }
 
-    /// Whether a step was begun, and is in the journal, while the one before it was still being fetched.
-    pub(super) fn begun_ahead(&self, step: usize) -> bool {
-        self.ahead.is_some_and(|ahead| ahead.step == step)
+    /// Writes down that the next point is about to be begun, while this one still settles: afterwards each moment counts.
+    pub(super) fn announce(&mut self) -> Result<(), ExecuteError> {
+        if let Some(next) = self.next.filter(|next| self.announced != Some(next.step)) {
+            let text = next.sine().to_string();
+            self.recorder.journal(Entry::Intent { stage: next.stage, step: next.step, text: text.clone() })?;
+            self.recorder.event(&text)?;
+            self.announced = Some(next.step);
+        }
+        Ok(())
+    }
+
+    /// Whether a step is in the journal already as begun.
+    pub(super) fn was_announced(&self, step: usize) -> bool {
+        self.announced == Some(step)
     }
 
     /// Since when the generator plays this point, if it does.
@@ -71,12 +89,12 @@ impl Executor<'_> {
         if self.headroom(fixture, (freq_hz, amplitude_a)).is_err() {
             return Ok(());
         }
-        let step = Step::Sine { index: next.index, freq_hz, amplitude_a, wait_s: next.wait_s };
-        self.recorder.journal(Entry::Intent { stage: next.stage, step: next.step, text: step.to_string() })?;
-        self.recorder.event(&step.to_string())?;
-        self.interlock.begin(self.allowance(fixture, &step), self.clock.machine_s());
+        self.interlock.begin(self.allowance(fixture, &next.sine()), self.clock.machine_s());
+        let told_s = self.clock.now_s();
         self.drive(freq_hz, amplitude_a).await?;
-        self.ahead = Some(Ahead { step: next.step, freq_hz, amplitude_a, since_s: self.clock.now_s() });
+        let proven_s = self.clock.now_s();
+        let since_s = if proven_s - told_s <= PROMPT_S { told_s } else { proven_s };
+        self.ahead = Some(Ahead { freq_hz, amplitude_a, since_s });
         Ok(())
     }
 

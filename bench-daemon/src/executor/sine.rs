@@ -201,6 +201,7 @@ impl Executor<'_> {
         }
         let screen_s = per_div.value() * scope_divisions;
         if overlaps {
+            self.announce()?;
             self.watch_until(self.ripe_s((freq_hz, wait_s), driven_s, screen_s), fixture).await?;
         } else {
             self.wait_watching(wait_s, fixture).await?;
