@@ -10,10 +10,13 @@ mod error;
 mod gate;
 mod heed;
 mod leg;
+mod metered;
 mod multisine;
+mod record;
 mod sine;
 mod trace;
 mod watch;
+mod wave;
 
 use std::sync::Arc;
 
@@ -30,6 +33,7 @@ pub use beside::{Bend, Beside};
 pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
+pub(crate) use record::{Asked, Taken, analyse};
 pub use sine::SweepPoint;
 
 use crate::{
@@ -199,13 +203,14 @@ impl<'a> Executor<'a> {
             }
             self.heed(stage, (index, fixture)).await?;
             tracing::info!("step: {step}");
+            let allowance = self.allowance(fixture, step);
             if !self.was_announced(index) {
-                self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string() })?;
+                self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string(), live: allowance.live })?;
                 self.recorder.event(&step.to_string())?;
             }
             self.look_ahead((number, stage), index, |at, step| entrance.plays(stage, (at, step)));
             self.progress.begin(&stage.purpose.to_string(), step);
-            self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
+            self.interlock.begin(allowance, self.clock.machine_s());
             if let Step::Mount(other) = *step {
                 fixture = other;
             }

@@ -236,7 +236,7 @@ impl Any {
                 intents.flat_map(|intent| instrument.dialect().script(&intent)).collect()
             }
             Self::Load(instrument) => {
-                let discharge = load::Discharge { current: Amps(0.1), stop_below: Volts(1.0) };
+                let discharge = load::Discharge { draw: load::Draw::Current(Amps(0.1)), stop_below: Volts(1.0) };
                 [instrument.dialect().input(false), instrument.dialect().prepare(&discharge)].concat()
             }
             Self::Supply(instrument) => {

@@ -19,7 +19,8 @@ use instruments::{
 };
 
 use super::{
-    Bench, Cell, ConfigError, Doctor, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw,
+    Bench, Cell, ConfigError, Doctor, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, limits,
+    raw,
 };
 use crate::interlock::Limits;
 
@@ -296,7 +297,7 @@ fn resolve_faults(source: &Source, raw: &raw::Faults) -> Result<Schedule, Config
 }
 
 /// In this process, on the loopback interface, on a pseudo-terminal, or a socket in the place of a device's file.
-fn is_local(address: &Address) -> bool {
+pub(super) fn is_local(address: &Address) -> bool {
     match (address, address.host(), address.path()) {
         (_, Some(host), _) => {
             host == "localhost" || host.trim_matches(['[', ']']).parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback())
@@ -402,7 +403,7 @@ fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
         OcvCurve::monotone(raw.capacity.si / 3600.0, ocv.soc, ocv.voltage_v).map_err(|error| source.complain("ocv", error.to_string()))
     };
     let ocv = raw.ocv.map(curve).transpose()?;
-    Ok(Cell {
+    let cell = Cell {
         name: raw.name,
         capacity_c: raw.capacity.si,
         limits: Limits {
@@ -417,5 +418,8 @@ fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
         series: raw.pack.series,
         parallel: raw.pack.parallel,
         ocv,
-    })
+        wide: Vec::new(),
+    };
+    raw.absolute.check(source, &cell)?;
+    Ok(Cell { wide: limits::wide(&cell), ..cell })
 }

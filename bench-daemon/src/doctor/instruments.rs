@@ -1,7 +1,7 @@
 //! What is found with every output off: who answers, whether limits are taken and read back, whether the thermometers make sense.
 
 use instruments::{
-    load::Discharge,
+    load::{Discharge, Draw},
     supply::Charge,
     supply4q,
     units::{Amps, Celsius, Volts},
@@ -86,7 +86,7 @@ impl Examination<'_> {
             taken.push(("limits.supply4q", format!("{} V and {} A", LIMITS.0, LIMITS.1), supply.prepare(&limits).await));
         }
         if let Some(load) = self.bench.load.as_mut() {
-            let discharge = Discharge { current: Amps(0.1), stop_below: Volts(2.5) };
+            let discharge = Discharge { draw: Draw::Current(Amps(0.1)), stop_below: Volts(2.5) };
             taken.push(("limits.load", "0.1 A, none below 2.5 V".to_owned(), load.prepare(&discharge).await));
         }
         if let Some(supply) = self.bench.supply.as_mut() {

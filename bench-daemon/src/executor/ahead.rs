@@ -65,7 +65,7 @@ impl Executor<'_> {
     pub(super) fn announce(&mut self) -> Result<(), ExecuteError> {
         if let Some(next) = self.next.filter(|next| self.announced != Some(next.step)) {
             let text = next.sine().to_string();
-            self.recorder.journal(Entry::Intent { stage: next.stage, step: next.step, text: text.clone() })?;
+            self.recorder.journal(Entry::Intent { stage: next.stage, step: next.step, text: text.clone(), live: true })?;
             self.recorder.event(&text)?;
             self.announced = Some(next.step);
         }
