@@ -13,9 +13,9 @@ use crate::{
     wire::prologix::{Marked, escaped},
 };
 
-/// Settings for which the adapter is made responsible: controller, no reading unasked, nothing added to data but EOI, a read waits a second, and none of
-/// this is written into its memory.
-const SETTINGS: &[u8] = b"++savecfg 0\n++mode 1\n++auto 0\n++eos 3\n++eoi 1\n++eot_enable 0\n++read_tmo_ms 1000\n";
+/// Settings for which the adapter is made responsible: controller, no reading unasked, nothing added to data but EOI, a read waits half a second, and none
+/// of this is written into its memory.
+const SETTINGS: &[u8] = b"++savecfg 0\n++mode 1\n++auto 0\n++eos 3\n++eoi 1\n++eot_enable 0\n++read_tmo_ms 500\n";
 /// Bytes from an adapter that says nothing sensible, after which it is given up.
 const MOST_GREETING: usize = 1 << 20;
 /// Shortest text of an adapter about itself, bytes.

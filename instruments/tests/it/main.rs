@@ -12,6 +12,8 @@ mod drivers_second;
 mod drivers_supply4q;
 mod drivers_thermal;
 mod faults;
+mod fuzz;
+mod fuzz_sessions;
 mod link;
 mod mocks_devices;
 mod mocks_plant;

@@ -44,14 +44,9 @@ impl Kind {
         matches!(self, Self::Memory | Self::Tcp | Self::Serial)
     }
 
-    /// The connection can be closed in one direction.
-    pub(crate) fn has_halves(self) -> bool {
-        matches!(self, Self::Memory | Self::Tcp | Self::Vxi11 | Self::Vxi11Mapped | Self::HiSlip | Self::Gpib)
-    }
-
-    /// The connection breaks when the instrument breaks off.
+    /// The connection is the instrument's own: it breaks with it, and can be closed in one direction.
     pub(crate) fn breaks(self) -> bool {
-        self.has_halves() && self != Self::Gpib
+        matches!(self, Self::Memory | Self::Tcp | Self::Vxi11 | Self::Vxi11Mapped | Self::HiSlip)
     }
 }
 

@@ -1,5 +1,5 @@
 //! A device behind a GPIB adapter of Prologix' kind (GPIB-ETHERNET and GPIB-USB manuals, section 8). The adapter is no part of the instrument: when that
-//! breaks off, the adapter stays.
+//! breaks off, or closes its connection half, the adapter stays and notices nothing.
 
 use std::{collections::BTreeMap, io, net::SocketAddr, time::Duration};
 
@@ -149,9 +149,6 @@ impl<'a> Adapter<'a> {
                 stream.write_all(&self.setting("eot_char").to_be_bytes()[3..]).await?;
             }
             stream.flush().await?;
-            if taken.stops {
-                stream.shutdown().await?;
-            }
             if taken.end || until.is_some_and(|until| taken.bytes.last() == Some(&until)) {
                 break;
             }

@@ -171,6 +171,8 @@ impl Server {
         let Some(_seat) = self.plane.sit_down(&self.clock).await else {
             return channel.fatal(TOO_MANY_CLIENTS, "another client is served").await;
         };
+        // Ids begin anew: an answer to the last client would pass for one to this.
+        self.plane.clear();
         let session = Session::new();
         let id = {
             let mut sessions = self.sessions();
