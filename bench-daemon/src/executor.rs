@@ -1,6 +1,7 @@
 //! The one loop: steps of a checked plan → instruments → readings and records. Whoever drives it brings the bench into safe state afterwards,
 //! whatever the outcome.
 
+mod ahead;
 mod beside;
 mod crest;
 mod dc;
@@ -23,9 +24,9 @@ use analysis::{calibration::Correction, multisine::Line};
 use instruments::{
     clock::Clock,
     mock::plant::Fixture,
-    scope::Vertical,
+    scope::{Trigger, Vertical},
     supply4q,
-    units::{Amps, Volts},
+    units::{Amps, Seconds, Volts},
 };
 
 pub use beside::{Bend, Beside};
@@ -107,6 +108,16 @@ pub struct Executor<'a> {
     legs: leg::Legs,
     /// When the scope was stopped last, s.
     stopped_s: f64,
+    /// The point after the one in work, where the generator may go on to it.
+    next: Option<ahead::Next>,
+    /// The step that is in the journal before its turn.
+    announced: Option<usize>,
+    /// The generator has gone on.
+    ahead: Option<ahead::Ahead>,
+    /// Time per division and trigger that the scope was armed with last.
+    armed: Option<(Seconds, Trigger)>,
+    /// How long the last reading took, s.
+    watch_took_s: f64,
     /// Where the reset of the state of charge stands.
     reset: dc::Reset,
     /// What went into measuring points of the sweep again.
@@ -157,6 +168,11 @@ impl<'a> Executor<'a> {
             logger_ready: false,
             legs: leg::Legs::default(),
             stopped_s: 0.0,
+            next: None,
+            announced: None,
+            ahead: None,
+            armed: None,
+            watch_took_s: 0.0,
             reset: dc::Reset::default(),
             spent: gate::Spent::default(),
             chiller_runs: false,
@@ -184,6 +200,7 @@ impl<'a> Executor<'a> {
         self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose { repeat } else { 0 };
         self.spent = gate::Spent::default();
         self.reset = dc::Reset::default();
+        (self.announced, self.ahead, self.armed) = (None, None, None);
         for (index, step) in stage.steps.iter().enumerate() {
             if let Some(known) = entrance.point(index) {
                 points.push(known.point.clone());
@@ -194,8 +211,11 @@ impl<'a> Executor<'a> {
             self.heed(stage, (index, fixture)).await?;
             tracing::info!("step: {step}");
             let allowance = self.allowance(fixture, step);
-            self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string(), live: allowance.live })?;
-            self.recorder.event(&step.to_string())?;
+            if !self.was_announced(index) {
+                self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string(), live: allowance.live })?;
+                self.recorder.event(&step.to_string())?;
+            }
+            self.look_ahead((number, stage), index, |at, step| entrance.plays(stage, (at, step)));
             self.progress.begin(&stage.purpose.to_string(), step);
             self.interlock.begin(allowance, self.clock.machine_s());
             if let Step::Mount(other) = *step {

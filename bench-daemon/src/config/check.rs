@@ -212,6 +212,7 @@ impl Check<'_> {
             order: raw.order,
             steps_a: self.steps(raw, amplitude_a)?,
             compensate_drift: raw.compensate_drift,
+            overlap: raw.overlap,
             quality: raw.quality.as_ref().map(|quality| self.quality(quality)).transpose()?,
         };
         self.within("eis.memory_points", raw.memory_points as f64, (1_000.0, 1.0e7), "points")?;

@@ -122,6 +122,8 @@ pub(super) struct Eis {
     /// Each sweep there and back, and every point at the time in between.
     #[serde(default)]
     pub(super) compensate_drift: bool,
+    /// The next point settles while the record of this one is fetched and analysed.
+    pub(super) overlap: Option<bool>,
     pub(super) quality: Option<super::quality::Raw>,
 }
 
@@ -277,6 +279,8 @@ pub(super) struct Bench {
     pub(super) guardian: Guardian,
     #[serde(default)]
     pub(super) thermostat: Thermostat,
+    #[serde(default)]
+    pub(super) doctor: Doctor,
 }
 
 /// How the daemon holds a bath whose loop it closes.
@@ -288,6 +292,14 @@ pub(super) struct Thermostat {
     pub(super) window: Option<Quantity<Duration>>,
     pub(super) stale: Option<Quantity<Duration>>,
     pub(super) sensor_offset: Option<Quantity<TemperatureDifference>>,
+}
+
+/// What a run asks of the last `eis-bench doctor`.
+#[derive(Debug, Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Doctor {
+    pub(super) required: bool,
+    pub(super) valid_for: Option<Quantity<Duration>>,
 }
 
 #[derive(Debug, Deserialize, Default)]
@@ -315,6 +327,8 @@ pub(super) struct Instruments {
 pub(super) struct Instrument {
     pub(super) model: String,
     pub(super) address: String,
+    /// What the identity of another model contains that is to be spoken to as this one.
+    pub(super) accept: Option<String>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -322,6 +336,7 @@ pub(super) struct Instrument {
 pub(super) struct Logger {
     pub(super) model: String,
     pub(super) address: String,
+    pub(super) accept: Option<String>,
     pub(super) cell_channel: u16,
     pub(super) ambient_channel: Option<u16>,
 }
