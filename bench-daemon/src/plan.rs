@@ -21,8 +21,8 @@ pub use time::MAX_RANGING;
 #[cfg(test)]
 pub(crate) use trace::test_trace;
 pub use trace::{Averaged, Frame, LONGEST_FRAME_S, Level, Through, TracePlan};
-use words::minutes;
 pub use words::fixture_name;
+use words::minutes;
 
 /// A plan.
 #[derive(Debug, Clone, PartialEq)]

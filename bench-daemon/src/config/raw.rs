@@ -179,6 +179,8 @@ pub(super) struct Trace {
     pub(super) scale: Option<f64>,
     #[serde(default)]
     pub(super) through: Through,
+    /// What lies between the cell and the load's voltmeter where load and supply drive.
+    pub(super) lead_resistance: Option<Quantity<Resistance>>,
     /// Rows are averaged over steps of this length.
     pub(super) step: Option<Quantity<Duration>>,
     #[serde(default = "two_milliseconds")]

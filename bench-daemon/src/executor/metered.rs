@@ -90,7 +90,8 @@ impl Executor<'_> {
     }
 
     async fn prepare_load(&mut self, work: &mut Work<'_>, power: bool) -> Result<(), ExecuteError> {
-        let greatest = |of: fn(&Level) -> Option<f64>| work.trace.levels.iter().filter_map(of).fold(0.0, |most: f64, value| most.max(-value));
+        let greatest =
+            |of: fn(&Level) -> Option<f64>| work.trace.levels.iter().filter_map(of).fold(0.0, |most: f64, value| most.max(-value));
         let draw = if power {
             Draw::Power(Watts(greatest(|level| level.power_w)))
         } else {
@@ -203,8 +204,10 @@ impl Executor<'_> {
                 }
             }
         }
+        // What the leads drop is not the cell's.
+        let voltage_v = volts - work.trace.lead_ohm * current_a;
         let (time_s, temperature_c) = (0.5 * (began_s + now_s) - work.origin_s, self.last_c.unwrap_or(f64::NAN));
-        work.recorded.rows.push(TraceRow { time_s, current_a, voltage_v: volts, temperature_c, samples: ONE });
+        work.recorded.rows.push(TraceRow { time_s, current_a, voltage_v, temperature_c, samples: ONE });
         Ok(())
     }
 }

@@ -71,6 +71,9 @@ pub struct SweepPoint {
     pub captures: usize,
     /// How often it was measured again because the finished sweep refused it.
     pub rechecked: usize,
+    /// What went into measuring it again.
+    #[serde(default)]
+    pub spent: super::gate::Spent,
     /// What its record says of its own quality.
     pub measures: Measures,
     /// What of that the quality gate refuses.
@@ -313,6 +316,7 @@ fn analyse(asked: &Asked, waveforms: &[Waveform; 4], mut warnings: Vec<String>) 
         time_s: 0.0,
         captures: 1,
         rechecked: 0,
+        spent: super::gate::Spent::default(),
         measures,
         failing: Vec::new(),
     })

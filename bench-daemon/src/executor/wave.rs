@@ -167,7 +167,8 @@ impl Executor<'_> {
             return Ok(());
         }
         let power_w = |row: &TraceRow| row.current_a * row.voltage_v;
-        let flowed_j: f64 = rows.windows(2).map(|pair| 0.5 * (power_w(&pair[0]) + power_w(&pair[1])) * (pair[1].time_s - pair[0].time_s)).sum();
+        let flowed_j: f64 =
+            rows.windows(2).map(|pair| 0.5 * (power_w(&pair[0]) + power_w(&pair[1])) * (pair[1].time_s - pair[0].time_s)).sum();
         self.recorder.warning(&format!(
             "trace {}: powers were turned into currents at the {:.4} V at rest, for a wave cannot follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} J were \
              asked for",

@@ -22,6 +22,7 @@ mod mock_process;
 mod multisine;
 mod ocv_joint;
 mod ocv_soc;
+mod profiles;
 mod quality;
 mod ranging;
 mod real_data;

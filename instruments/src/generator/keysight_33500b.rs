@@ -123,7 +123,12 @@ impl Dialect for Keysight {
             },
             // A step is held until the next, not smoothed.
             Exchange::word(format!("{source}:FUNC:ARB:FILT OFF"), format!("{source}:FUNC:ARB:FILT?"), &["OFF"]),
-            number(format!("{source}:FUNC:ARB:SRAT {rate_hz:.6}"), &format!("{source}:FUNC:ARB:SRAT"), rate_hz, FREQ_DIGITS * rate_hz + 1.0e-6),
+            number(
+                format!("{source}:FUNC:ARB:SRAT {rate_hz:.6}"),
+                &format!("{source}:FUNC:ARB:SRAT"),
+                rate_hz,
+                FREQ_DIGITS * rate_hz + 1.0e-6,
+            ),
             number(format!("{source}:VOLT:OFFS {offset_v:.4}"), &format!("{source}:VOLT:OFFS"), offset_v, OFFSET_TOLERANCE_V),
             // The function before the amplitude: else a sine would have it.
             Exchange::word(format!("{source}:FUNC ARB"), format!("{source}:FUNC?"), &["ARB"]),

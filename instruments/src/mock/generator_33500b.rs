@@ -98,9 +98,8 @@ impl Channel {
     }
 
     fn restarts_from(&self, old: &Self) -> bool {
-        let key = |channel: &Self| {
-            (channel.constant, channel.arbitrary, channel.rate_hz, channel.freq_hz, channel.phase_deg, channel.output_on)
-        };
+        let key =
+            |channel: &Self| (channel.constant, channel.arbitrary, channel.rate_hz, channel.freq_hz, channel.phase_deg, channel.output_on);
         key(self) != key(old)
     }
 

@@ -20,6 +20,8 @@ const LONGEST_S: f64 = 86_400.0;
 const TAIL_S: f64 = 4.0;
 /// The scope looks for so long behind a wave, s.
 pub(crate) const AFTER_WAVE_S: f64 = 1.0;
+/// Times of rows are differences of rounded ones: a nanosecond is none.
+const GRID_PER_S: f64 = 1.0e9;
 /// A row may be off whole steps by this share of one.
 const WHOLE: f64 = 1.0e-3;
 
@@ -49,7 +51,9 @@ impl Check<'_> {
     fn bipolar(&self, rows: &[Row]) -> Result<Through, String> {
         let ((greatest_a, what), least_v) = (self.driven_a()?, self.cell.limits.min_v);
         self.present(self.bench.instruments.load.is_some(), "load")?;
-        self.each(rows, (SHORTEST_BIPOLAR_S, "the bipolar supply step by step"), |row| within(row, least_v, (-greatest_a, greatest_a), &what))?;
+        self.each(rows, (SHORTEST_BIPOLAR_S, "the bipolar supply step by step"), |row| {
+            within(row, least_v, (-greatest_a, greatest_a), &what)
+        })?;
         Ok(Through::Bipolar)
     }
 
@@ -60,12 +64,15 @@ impl Check<'_> {
         let generator = self.bench.instruments.generator.as_ref().map_or("", |generator| generator.model.as_str());
         let most = by_key(generator::DIALECTS, generator).and_then(|dialect| dialect.wave_steps());
         let most = most.ok_or_else(|| format!("expected a generator that plays waves, found {generator}"))?;
-        let step_s = rows.iter().map(|row| row.duration_s).fold(f64::INFINITY, f64::min);
+        let step_s = (rows.iter().map(|row| row.duration_s).fold(f64::INFINITY, f64::min) * GRID_PER_S).round() / GRID_PER_S;
         for (index, row) in rows.iter().enumerate() {
             let steps = row.duration_s / step_s;
             if (steps - steps.round()).abs() > WHOLE {
                 let found = row.duration_s;
-                return Err(format!("row {}: expected a multiple of the shortest row, {step_s} s, found {found} s; `step` averages", index + 1));
+                return Err(format!(
+                    "row {}: expected a multiple of the shortest row, {step_s} s, found {found} s; `step` averages",
+                    index + 1
+                ));
             }
         }
         let length_s = BEFORE_S + rows.iter().map(|row| row.duration_s).sum::<f64>();
