@@ -188,3 +188,55 @@ fn ways(points: &[SweepPoint]) -> Vec<Vec<usize>> {
 fn moved_c(step: &Step, time_s: f64) -> f64 {
     if let Step::Sine { amplitude_a, .. } = step { std::f64::consts::FRAC_2_PI * amplitude_a * time_s } else { 0.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use analysis::spectrum::{ChannelPhasors, PhasorVariance};
+
+    fn point(index: usize, freq_hz: f64, time_s: f64) -> SweepPoint {
+        let phasors = ChannelPhasors { freq_hz, volts: [num_complex::Complex64::ONE; 4], variance: [PhasorVariance::circular(1.0e-12); 4] };
+        SweepPoint {
+            fixture: Fixture::Cell,
+            index,
+            phasors,
+            volts_per_div: [1.0; 4],
+            free_freq_hz: freq_hz,
+            residual_lag1: 0.0,
+            beside: crate::executor::Beside::default(),
+            warnings: Vec::new(),
+            time_s: 0.0,
+            captures: 1,
+            rechecked: 0,
+            spent: Spent { time_s, charge_c: 0.5 * time_s },
+            measures: crate::quality::Measures::default(),
+            failing: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_sweep_there_and_back_is_two_ways_by_rising_frequency() {
+        let freqs = [10.0, 1.0, 100.0, 100.0, 1.0, 10.0];
+        let points: Vec<SweepPoint> = freqs.iter().enumerate().map(|(k, freq_hz)| point(k, *freq_hz, 0.0)).collect();
+        assert_eq!(ways(&points), [[1, 0, 2], [4, 5, 3]]);
+        assert_eq!(ways(&points[..3]), [[1, 0, 2]]);
+    }
+
+    #[test]
+    fn what_finished_points_have_spent_counts_on() {
+        let quality = Quality {
+            noise: 0.0,
+            distortion: 0.0,
+            drift: 0.0,
+            repeatability: 0.0,
+            kramers_kronig: 0.0,
+            again: 2,
+            time_s: 100.0,
+            charge_c: 60.0,
+        };
+        let points = [point(0, 1.0, 30.0), point(1, 2.0, 50.0)];
+        let spent = Spent::of(points.iter());
+        assert_eq!(spent, Spent { time_s: 80.0, charge_c: 40.0 });
+        assert!(spent.allows(&quality, (20.0, 20.0)) && !spent.allows(&quality, (20.1, 0.0)) && !spent.allows(&quality, (1.0, 20.1)));
+    }
+}

@@ -166,7 +166,7 @@ fn the_gate_lets_a_good_multisine_through_and_flags_what_fails_to_the_end() {
     let finished = run(&good);
     let events = fs::read_to_string(good.path("run/events.csv")).unwrap();
     assert!(!events.contains("recorded again") && finished.measured.multisines[0].flagged.is_empty(), "{events}");
-    assert!(finished.summary.contains("Kramers–Kronig and Z-HIT, multisine: good"), "{}", finished.summary);
+    assert!(finished.summary.contains("Kramers–Kronig and Z-HIT, multisine: good: valid from 0.1 Hz to 295 Hz"), "{}", finished.summary);
     // What the law of Butler and Volmer distorts is recorded again once, and distorted then, too.
     let curved = one_branch("[effects.butler_volmer]\nbranch = 1\nalpha = 0.3")
         .append(EXPERIMENT, &GATE.replace("again", "distortion = \"0.3 %\"\nagain"));
@@ -200,7 +200,7 @@ fn clocks_that_differ_are_told_and_refused_when_they_differ_much() {
     let files = with(500.0);
     let refused = run_experiment(&files.load(), &files.path("run")).map(|_| ()).unwrap_err().to_string();
     assert!(
-        refused.contains("the generator's clock runs +500.")
+        refused.contains("the generator's clock runs +499.")
             && refused.contains("expected at most 0.3 rad: connect their 10 MHz references"),
         "{refused}"
     );

@@ -220,7 +220,8 @@ fn a_wave_plays_two_milliseconds_and_the_record_is_the_profile_and_the_truth() {
         assert!(steps.len() > 420, "{name}: {} rows", steps.len());
         let zero_a = rows[0].current_a;
         let worst_a = steps.iter().map(|row| (row.current_a - zero_a + 0.98 * jump_a(row.time_s - 0.5)).abs()).fold(0.0, f64::max);
-        assert!(worst_a < 0.12, "{name}: off by {worst_a} A");
+        // A step of the SDG may be off by 0.4 % of 16 A, and its edge by a sample.
+        assert!(worst_a < 0.2, "{name}: off by {worst_a} A");
         let trace = &index.traces[0];
         let off_v = rows.iter().zip(answer(&rows)).map(|(row, answer)| row.voltage_v - trace.start_ocv_v - answer);
         let (mut worst_v, mut squares) = (0.0_f64, 0.0);
@@ -234,8 +235,9 @@ fn a_wave_plays_two_milliseconds_and_the_record_is_the_profile_and_the_truth() {
         let witness = world.witness();
         assert!(witness.abuse_count == 0 && witness.greatest_discharge_a < 16.5 && world.truth_current_a() == 0.0, "{name}: {witness:?}");
         // Whoever simulates can take the profile from it.
-        let options = ReadOptions { demand: Some(Demand::Current), interpolation: Interpolation::Hold, charge_positive: false };
-        assert!(Profile::read(&files.path("experiments/jump.csv"), &options).is_ok());
+        let options = ReadOptions { demand: None, interpolation: Interpolation::Linear, charge_positive: false };
+        let profile = Profile::read(&files.path("run/series_jump_1.bdf.csv"), &options).unwrap();
+        assert!(profile.demand == Demand::Current && profile.value.iter().copied().fold(0.0, f64::max) > 15.0, "discharge positive");
     }
 }
 
@@ -249,7 +251,7 @@ fn powers_of_a_wave_take_the_voltage_at_rest_and_the_report_says_what_flowed() {
         .iter()
         .map(|row| (row.current_a - zero_a + 0.98 * 0.5 * 3.8 / ocv_v * jump_a(row.time_s - 0.5)).abs())
         .fold(0.0, f64::max);
-    assert!(worst_a < 0.08, "off by {worst_a} A");
+    assert!(worst_a < 0.12, "off by {worst_a} A");
     assert!(finished.summary.contains("powers were turned into currents at the 3.79"), "{}", finished.summary);
 }
 

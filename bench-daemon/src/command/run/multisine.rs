@@ -25,6 +25,8 @@ pub struct MultisineRun {
     pub spectrum: Spectrum,
     /// The same with the noise of its own records only.
     pub own_noise: Spectrum,
+    /// Degrees of freedom of that noise: it is found from the bins between the harmonics.
+    pub noise_dof: f64,
     /// What the quality gate refused to the end.
     pub flagged: Vec<FlaggedPoint>,
     /// Its lines.
@@ -67,7 +69,7 @@ pub(super) async fn measure(
     let own_noise = Spectrum { name: experiment.name.clone(), points: points.iter().map(own).collect() };
     let spectrum = Spectrum { name: experiment.name.clone(), points: corrected };
     let volts_per_div = points.iter().map(|point| point.volts_per_div).collect();
-    let run = MultisineRun { spectrum, own_noise, flagged, lines: std::mem::take(&mut executor.lines), volts_per_div, took_s };
+    let run = MultisineRun { spectrum, own_noise, noise_dof: noise_dof(stage), flagged, lines: std::mem::take(&mut executor.lines), volts_per_div, took_s };
     executor.recorder.json(&named("multisine.json", repeat), &run)?;
     let entry = SweepEntry { flagged: run.flagged.clone(), ..entry(executor, (stage, repeat), (start_s, measured)) };
     executor.recorder.sweep(entry)?;
@@ -100,6 +102,12 @@ fn entry(executor: &Executor<'_>, (stage, repeat): (&Stage, usize), (start_time_
         repeat_group: "multisine".to_owned(),
         flagged: Vec::new(),
     }
+}
+
+/// Between a line and its neighbours on either side lie a bin less than there are periods, of two parts each.
+fn noise_dof(stage: &Stage) -> f64 {
+    let of = |step: &Step| if let Step::Multisine(band) = step { Some(4.0 * (band.periods() - 1.0)) } else { None };
+    stage.steps.iter().filter_map(of).fold(f64::INFINITY, f64::min)
 }
 
 /// A file of the first repeat is called as it is, of a further one with its number.

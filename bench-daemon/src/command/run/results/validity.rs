@@ -2,7 +2,7 @@
 
 use analysis::{
     report::{Figure, Level, Table, Verdict},
-    validity::{Assessed, Grade},
+    validity::{Assessed, Grade, Noise, assess_by},
 };
 
 use super::records;
@@ -63,7 +63,8 @@ pub(super) fn judge(measured: &Measured, shunt_ohm: f64) -> Vec<Judged> {
 fn of_multisines(measured: &Measured) -> Vec<Judged> {
     let judged = |(number, run): (usize, &MultisineRun)| {
         let name = if measured.multisines.len() > 1 { format!("multisine {number}") } else { "multisine".to_owned() };
-        let outcome = kk::tested(&run.own_noise, &[]);
+        let noise = Noise::of(&run.own_noise, &[]).map(|noise| Noise { dof: Some(run.noise_dof), ..noise });
+        let outcome = noise.and_then(|noise| assess_by(&run.own_noise, &noise)).map_err(|error| error.to_string());
         Judged { name, outcome }
     };
     (1..).zip(&measured.multisines).map(judged).collect()
