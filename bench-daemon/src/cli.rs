@@ -25,6 +25,8 @@ Examples:
     eis-bench safe configs/benches/thesis.toml
   The simulated instruments on real ports, until Ctrl-C:
     eis-bench mock configs/benches/demo.toml --json
+  A page and an API for benches, with a queue:
+    eis-bench serve configs/serve.toml
   Fit the extended Randles model to spectra from anywhere:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
   Fit any equivalent circuit, without start values:
@@ -41,6 +43,9 @@ Examples:
     eis-bench diagnose DATASET --model FOLDER/model.json --out FOLDER
   The whole loop on the simulated bench, with follow-up experiments:
     eis-bench investigate configs/experiments/investigate.toml --yes
+  Yesterday's captures through today's analysis, and whether a folder is what it was:
+    eis-bench replay runs/thesis
+    eis-bench verify runs/thesis
   What a pack can give and take, and for how long:
     eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015
     eis-bench sop --model FOLDER/model_4rc.json --series 16 --parallel 3 --ocv-v 3.6
@@ -56,6 +61,7 @@ Exit codes:
   7  the bench is latched after a trip: look at it, then `eis-bench clear BENCH`
   8  another process runs the bench, or the guardian of an earlier run is still at work on it
   9  the guardian cannot be started or was lost; the bench was brought into safe state
+  10 a run folder is not what it was, or its numbers do not follow from its captures
   130  stopped by Ctrl-C, Ctrl-Z, SIGTERM, `eis-bench abort` or the end of the terminal; the bench was brought into safe state";
 
 /// Runs a battery test bench and turns what it measures into a model that a robot can trust.
@@ -116,6 +122,14 @@ enum Command {
     Effects(command::effects::EffectsArgs),
     /// State of power: the most power that can be held, over duration and state of charge.
     Sop(command::sop::SopArgs),
+    /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
+    Serve(command::serve::ServeArgs),
+    /// Tokens that open a server's API.
+    Token(command::token::TokenArgs),
+    /// Send recorded captures through the present pipeline, and tell what changed.
+    Replay(command::replay::ReplayArgs),
+    /// Compare a run folder with its hashes, and recompute every number from its captures.
+    Verify(command::verify::VerifyArgs),
     /// Blind study of the diagnosis: effects hidden by the simulation, diagnosed without labels, scored.
     Study(command::study::StudyArgs),
 }
@@ -254,6 +268,10 @@ pub fn main() -> ExitCode {
         Command::Investigate(args) => command::investigate::investigate(&args),
         Command::Effects(args) => command::effects::effects(&args),
         Command::Sop(args) => command::sop::sop(&args),
+        Command::Serve(args) => command::serve::serve(&args),
+        Command::Token(args) => command::token::token(&args),
+        Command::Replay(args) => command::replay::replay(&args),
+        Command::Verify(args) => command::verify::verify(&args),
         Command::Study(args) => command::study::study(&args),
     };
     match result {
@@ -290,7 +308,10 @@ mod tests {
             "investigate",
             "effects",
             "simulate",
+            "serve",
             "pack",
+            "replay",
+            "verify",
             "sop",
             "Examples:",
             "Exit codes:",

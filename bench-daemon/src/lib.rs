@@ -5,8 +5,10 @@
 //! [`investigation`] (campaign, diagnosis, and the run that it asks for), [`command`] (what the command line does).
 
 pub mod bench;
+pub mod beneath;
 pub mod cli;
 pub mod command;
+pub mod compare;
 pub mod config;
 pub mod custody;
 pub mod dataset;
@@ -28,9 +30,11 @@ pub mod progress;
 pub mod quality;
 pub mod reconcile;
 pub mod record;
+pub mod serve;
 pub mod sim;
 pub mod state;
 pub mod story;
 pub mod study;
+pub mod sums;
 pub mod terminal;
 pub mod wishes;

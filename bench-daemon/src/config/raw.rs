@@ -402,6 +402,8 @@ pub(super) struct Cell {
     pub(super) temperature_max: Quantity<Temperature>,
     #[serde(default)]
     pub(super) interlock: super::interlock::Section,
+    #[serde(default)]
+    pub(super) absolute: super::limits::Section,
     pub(super) pack: Pack,
     pub(super) ocv: Option<Ocv>,
 }

@@ -211,7 +211,9 @@ fn a_linear_cell_is_rarely_doubted_for_a_harmonic_and_one_of_butler_and_volmer_i
             .append(SCENARIO, more);
         let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
         let report = fs::read_to_string(files.path("run/report.html")).unwrap();
-        let judged: Vec<String> = (1..=12).map(|number| report.split(&format!(">sweep {number}<")).nth(1).unwrap().split("</tr>").next().unwrap().to_owned()).collect();
+        let judged: Vec<String> = (1..=12)
+            .map(|number| report.split(&format!(">sweep {number}<")).nth(1).unwrap().split("</tr>").next().unwrap().to_owned())
+            .collect();
         (finished, judged)
     };
     let doubted = |judged: &[String]| judged.iter().filter(|text| text.contains("harmonic 3 of")).count();

@@ -69,7 +69,15 @@ pub(super) async fn measure(
     let own_noise = Spectrum { name: experiment.name.clone(), points: points.iter().map(own).collect() };
     let spectrum = Spectrum { name: experiment.name.clone(), points: corrected };
     let volts_per_div = points.iter().map(|point| point.volts_per_div).collect();
-    let run = MultisineRun { spectrum, own_noise, noise_dof: noise_dof(stage), flagged, lines: std::mem::take(&mut executor.lines), volts_per_div, took_s };
+    let run = MultisineRun {
+        spectrum,
+        own_noise,
+        noise_dof: noise_dof(stage),
+        flagged,
+        lines: std::mem::take(&mut executor.lines),
+        volts_per_div,
+        took_s,
+    };
     executor.recorder.json(&named("multisine.json", repeat), &run)?;
     let entry = SweepEntry { flagged: run.flagged.clone(), ..entry(executor, (stage, repeat), (start_s, measured)) };
     executor.recorder.sweep(entry)?;

@@ -49,7 +49,9 @@ impl Check<'_> {
                     self.source.open(&self.source.relative(file)).map_err(|error| self.complain(&field("file"), error.to_string()))?;
                 ("file", table(&source)?, Some(source))
             }
-            _ => return Err(self.complain(&field("segments"), "expected segments or a file of them, and not both, or pulses in their place")),
+            _ => {
+                return Err(self.complain(&field("segments"), "expected segments or a file of them, and not both, or pulses in their place"));
+            }
         };
         if rows.is_empty() {
             return Err(self.complain(&field(part), "expected at least one segment, found none"));
