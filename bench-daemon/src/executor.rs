@@ -8,6 +8,7 @@ mod dc;
 mod entrance;
 mod error;
 mod gate;
+mod gate_bands;
 mod heed;
 mod leg;
 mod metered;
@@ -33,8 +34,10 @@ pub use beside::{Bend, Beside};
 pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
+pub use gate::Spent;
 pub(crate) use record::{Asked, Taken, analyse};
 pub use sine::SweepPoint;
+pub use trace::charge_of;
 
 use crate::{
     bench::{Bench, BenchError},
@@ -198,7 +201,11 @@ impl<'a> Executor<'a> {
         let mut points: Vec<SweepPoint> = Vec::new();
         let mut fixture = Fixture::Cell;
         self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose { repeat } else { 0 };
-        self.spent = gate::Spent::default();
+        self.spent = gate::Spent::of(entrance.points.iter().map(|known| &known.point));
+        if matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc) {
+            // Where it ends, nothing is left of what traces have moved before.
+            self.charge_c = 0.0;
+        }
         self.reset = dc::Reset::default();
         (self.announced, self.ahead, self.armed) = (None, None, None);
         for (index, step) in stage.steps.iter().enumerate() {
@@ -222,6 +229,10 @@ impl<'a> Executor<'a> {
                 fixture = other;
             }
             match *step {
+                Step::Recheck { .. } if matches!(stage.purpose, Purpose::Multisine(_)) => {
+                    self.recheck_bands(stage, &mut points).await?;
+                    self.recorder.journal(Entry::Done { stage: number, step: index })?;
+                }
                 Step::Recheck { .. } => {
                     for at in self.recheck(fixture, stage, &mut points).await? {
                         // The later entry of a step counts.
@@ -230,7 +241,7 @@ impl<'a> Executor<'a> {
                     self.recorder.journal(Entry::Done { stage: number, step: index })?;
                 }
                 Step::Multisine(ref band) => {
-                    points.extend(self.multisine(band).await?);
+                    self.gated_band(band, &mut points).await?;
                     self.recorder.journal(Entry::Done { stage: number, step: index })?;
                 }
                 _ => {
@@ -250,6 +261,11 @@ impl<'a> Executor<'a> {
             self.idle = first.idle;
         }
         Ok(points)
+    }
+
+    /// Takes over from an earlier process: the cell that was in use, and the charge that traces have left in it, C.
+    pub fn take_over(&mut self, specimen: Option<Arc<Specimen>>, charge_c: f64) {
+        (self.specimen, self.charge_c) = (specimen, charge_c);
     }
 
     /// Plays one step; a sine gives a point.

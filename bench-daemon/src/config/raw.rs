@@ -178,11 +178,14 @@ pub(super) struct Trace {
     /// What the cell may resist with at most, leads to the voltmeter included.
     pub(super) resistance_max: Quantity<Resistance>,
     pub(super) segments: Option<Vec<Segment>>,
+    pub(super) pulses: Option<Pulses>,
     pub(super) file: Option<String>,
     /// Factor on every row: a pack's profile on one of its cells, for instance.
     pub(super) scale: Option<f64>,
     #[serde(default)]
     pub(super) through: Through,
+    /// What lies between the cell and the load's voltmeter where load and supply drive.
+    pub(super) lead_resistance: Option<Quantity<Resistance>>,
     /// Rows are averaged over steps of this length.
     pub(super) step: Option<Quantity<Duration>>,
     #[serde(default = "two_milliseconds")]
@@ -191,6 +194,16 @@ pub(super) struct Trace {
     pub(super) samples_per_decade: f64,
     #[serde(default = "ten_seconds")]
     pub(super) longest_interval: Quantity<Duration>,
+}
+
+/// Pulses of either sign, each with a relaxation behind it: first out of the cell, then into it, amplitude by amplitude.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Pulses {
+    pub(super) amplitudes: Vec<Quantity<Current>>,
+    #[serde(default = "five_seconds")]
+    pub(super) duration: Quantity<Duration>,
+    pub(super) relaxation: Quantity<Duration>,
 }
 
 /// What a trace is played through.
@@ -228,6 +241,9 @@ impl Default for Fit {
     }
 }
 
+fn five_seconds() -> Quantity<Duration> {
+    Quantity::of(5.0)
+}
 fn three() -> usize {
     3
 }

@@ -56,6 +56,9 @@ pub struct SweepPoint {
     pub captures: usize,
     /// How often it was measured again because the finished sweep refused it.
     pub rechecked: usize,
+    /// What went into measuring it again.
+    #[serde(default)]
+    pub spent: super::gate::Spent,
     /// What its record says of its own quality.
     pub measures: Measures,
     /// What of that the quality gate refuses.

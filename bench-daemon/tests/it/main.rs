@@ -27,6 +27,7 @@ mod multisine;
 mod ocv_joint;
 mod ocv_soc;
 mod overlap;
+mod profiles;
 mod quality;
 mod ranging;
 mod real_data;
