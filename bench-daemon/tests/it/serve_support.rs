@@ -174,6 +174,16 @@ fn read(mut stream: TcpStream) -> Answer {
     answer(&bytes)
 }
 
+/// One question and its answer over a connection of its own.
+pub(crate) fn exchange(address: &str, method: &str, path: &str, body: &str) -> Answer {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+    let length = body.len();
+    let head = format!("{method} {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nContent-Type: application/json\r\nContent-Length: {length}\r\n\r\n");
+    stream.write_all(format!("{head}{body}").as_bytes()).unwrap();
+    read(stream)
+}
+
 /// Takes an answer apart.
 pub(crate) fn answer(bytes: &[u8]) -> Answer {
     let Some(end) = bytes.windows(4).position(|window| window == b"\r\n\r\n") else {
