@@ -38,7 +38,9 @@ impl Browser {
         };
         let mut process = Running(driver);
         let lines = BufReader::new(process.0.stdout.as_mut().unwrap()).lines().map_while(Result::ok);
-        let port = |line: String| line.split_once("on port ").and_then(|(_, port)| port.trim_end_matches('.').parse::<u16>().ok());
+        // It first says that it was asked for port 0.
+        let port =
+            |line: String| line.split_once("successfully on port ").and_then(|(_, port)| port.trim_end_matches('.').parse::<u16>().ok());
         let driver = format!("127.0.0.1:{}", lines.filter_map(port).next()?);
         let profile = tempfile::tempdir().unwrap();
         let arguments = [
