@@ -44,6 +44,10 @@ Examples:
   Yesterday's captures through today's analysis, and whether a folder is what it was:
     eis-bench replay runs/thesis
     eis-bench verify runs/thesis
+  A spectrum for ZView, a time series for the Battery Data Alliance's tools, a model for a controller:
+    eis-bench convert SPECTRUM.csv --to zview --out FOLDER
+    eis-bench convert SERIES.csv --to bdf-parquet --out FOLDER
+    eis-bench convert model_4rc.json --to c --ocv ocv.json --out FOLDER
   What a pack can give and take, and for how long:
     eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015
     eis-bench sop --model FOLDER/model_4rc.json --series 16 --parallel 3 --ocv-v 3.6
@@ -120,6 +124,8 @@ enum Command {
     Effects(command::effects::EffectsArgs),
     /// State of power: the most power that can be held, over duration and state of charge.
     Sop(command::sop::SopArgs),
+    /// Write spectra, time series and models as other programs read them; read theirs.
+    Convert(command::convert::ConvertArgs),
     /// Send recorded captures through the present pipeline, and tell what changed.
     Replay(command::replay::ReplayArgs),
     /// Compare a run folder with its hashes, and recompute every number from its captures.
@@ -196,7 +202,7 @@ pub struct IdentifyArgs {
 /// Arguments of `fit`.
 #[derive(Debug, Args)]
 pub struct FitArgs {
-    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis' `freq,offset,resistance,theta`.
+    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis' `freq,offset,resistance,theta`, files of Gamry, EC-Lab, ZPlot, Autolab.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Leave out what is below this frequency, Hz.
@@ -262,6 +268,7 @@ pub fn main() -> ExitCode {
         Command::Investigate(args) => command::investigate::investigate(&args),
         Command::Effects(args) => command::effects::effects(&args),
         Command::Sop(args) => command::sop::sop(&args),
+        Command::Convert(args) => command::convert::convert(&args),
         Command::Replay(args) => command::replay::replay(&args),
         Command::Verify(args) => command::verify::verify(&args),
         Command::Study(args) => command::study::study(&args),
@@ -301,6 +308,7 @@ mod tests {
             "effects",
             "simulate",
             "pack",
+            "convert",
             "replay",
             "verify",
             "sop",

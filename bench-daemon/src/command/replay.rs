@@ -1,7 +1,9 @@
 //! `eis-bench replay`: recorded captures through the present pipeline, and what changed.
 //!
 //! A run of the same version comes out bit-identical. Otherwise every point that changed is told with its change over its stated uncertainty. Nothing is
-//! changed in the run folder; `--out` writes what comes out into a folder of its own.
+//! changed in the run folder; `--out` writes what comes out into a folder of its own. Captures of other programs are described by a TOML ([`captures`]).
+
+mod captures;
 
 use std::{
     fs,
@@ -25,7 +27,7 @@ const TOLD: usize = 12;
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// Run folders, or folders of run folders.
+    /// Run folders, folders of run folders, or TOML files that describe captures of a scope.
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// Write what comes out into this folder, a folder in it for each run where there are several. Nothing that is there is written over.
@@ -38,7 +40,11 @@ pub struct ReplayArgs {
 /// # Errors
 /// A folder that cannot be read as a run; a capture that is damaged or cannot be analysed.
 pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
-    let folders = run_folders(&args.runs)?;
+    let (described, named): (Vec<PathBuf>, Vec<PathBuf>) = args.runs.iter().cloned().partition(|path| path.extension().is_some_and(|end| end == "toml"));
+    for file in &described {
+        captures::replay(file, args.out.as_deref())?;
+    }
+    let folders = run_folders(&named)?;
     for folder in &folders {
         let out = args.out.as_ref().map(|out| {
             let own = folder.file_name().map_or_else(PathBuf::new, PathBuf::from);
