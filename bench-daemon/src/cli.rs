@@ -25,6 +25,8 @@ Examples:
     eis-bench safe configs/benches/thesis.toml
   The simulated instruments on real ports, until Ctrl-C:
     eis-bench mock configs/benches/demo.toml --json
+  A page and an API for benches, with a queue:
+    eis-bench serve configs/serve.toml
   Fit the extended Randles model to spectra from anywhere:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
   Fit any equivalent circuit, without start values:
@@ -130,6 +132,10 @@ enum Command {
     Replay(command::replay::ReplayArgs),
     /// Compare a run folder with its hashes, and recompute every number from its captures.
     Verify(command::verify::VerifyArgs),
+    /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
+    Serve(command::serve::ServeArgs),
+    /// Tokens that open a server's API.
+    Token(command::token::TokenArgs),
     /// Blind study of the diagnosis: effects hidden by the simulation, diagnosed without labels, scored.
     Study(command::study::StudyArgs),
 }
@@ -271,6 +277,8 @@ pub fn main() -> ExitCode {
         Command::Convert(args) => command::convert::convert(&args),
         Command::Replay(args) => command::replay::replay(&args),
         Command::Verify(args) => command::verify::verify(&args),
+        Command::Serve(args) => command::serve::serve(&args),
+        Command::Token(args) => command::token::token(&args),
         Command::Study(args) => command::study::study(&args),
     };
     match result {
@@ -307,6 +315,7 @@ mod tests {
             "investigate",
             "effects",
             "simulate",
+            "serve",
             "pack",
             "convert",
             "replay",

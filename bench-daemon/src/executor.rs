@@ -9,11 +9,13 @@ mod error;
 mod gate;
 mod heed;
 mod leg;
+mod metered;
 mod multisine;
 mod record;
 mod sine;
 mod trace;
 mod watch;
+mod wave;
 
 use std::sync::Arc;
 
@@ -184,10 +186,11 @@ impl<'a> Executor<'a> {
             }
             self.heed(stage, (index, fixture)).await?;
             tracing::info!("step: {step}");
-            self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string() })?;
+            let allowance = self.allowance(fixture, step);
+            self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string(), live: allowance.live })?;
             self.recorder.event(&step.to_string())?;
             self.progress.begin(&stage.purpose.to_string(), step);
-            self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
+            self.interlock.begin(allowance, self.clock.machine_s());
             if let Step::Mount(other) = *step {
                 fixture = other;
             }

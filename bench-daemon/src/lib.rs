@@ -5,6 +5,7 @@
 //! [`investigation`] (campaign, diagnosis, and the run that it asks for), [`command`] (what the command line does).
 
 pub mod bench;
+pub mod beneath;
 pub mod cli;
 pub mod command;
 pub mod compare;
@@ -29,6 +30,7 @@ pub mod progress;
 pub mod quality;
 pub mod reconcile;
 pub mod record;
+pub mod serve;
 pub mod sim;
 pub mod state;
 pub mod story;

@@ -158,6 +158,20 @@ fn last_reset(plan: &Plan, before: usize, stage: &Stage) -> Option<usize> {
     (0..before).rev().find(|index| plan.stages.get(*index).is_some_and(same))
 }
 
+/// A first entry, for tests.
+#[cfg(test)]
+pub(crate) fn test_started() -> Entry {
+    Entry::Started(Box::new(Started {
+        version: "0".to_owned(),
+        experiment: "x".to_owned(),
+        seed: 1,
+        time: "real".to_owned(),
+        inherited: false,
+        files: Vec::new(),
+        plan: Vec::new(),
+    }))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -191,21 +205,9 @@ mod tests {
         }
     }
 
-    fn started() -> Entry {
-        Entry::Started(Box::new(Started {
-            version: "0".to_owned(),
-            experiment: "x".to_owned(),
-            seed: 1,
-            time: "real".to_owned(),
-            inherited: false,
-            files: Vec::new(),
-            plan: Vec::new(),
-        }))
-    }
-
     /// A journal in short: `S1` a stage, `i2` a step begun, `d2` done, `F` the stage is finished.
     fn story(text: &str) -> Story {
-        let (mut stage, mut lines) = (0, vec![started()]);
+        let (mut stage, mut lines) = (0, vec![test_started()]);
         for word in text.split_whitespace() {
             let number = word[1..].parse().unwrap_or(0);
             lines.push(match &word[..1] {
@@ -213,7 +215,7 @@ mod tests {
                     stage = number;
                     Entry::Stage { stage }
                 }
-                "i" => Entry::Intent { stage, step: number, text: String::new() },
+                "i" => Entry::Intent { stage, step: number, text: String::new(), live: true },
                 "d" => Entry::Done { stage, step: number },
                 _ => Entry::StageDone { stage },
             });

@@ -67,7 +67,10 @@ mod tests {
         for path in [csv, parquet] {
             let back = read_series(&path, &SeriesOptions::default()).unwrap();
             assert_eq!(back.time_s, series.time_s);
-            assert_eq!((back.current_a, back.voltage_v, back.temperature_c), (series.current_a.clone(), series.voltage_v.clone(), series.temperature_c.clone()));
+            assert_eq!(
+                (back.current_a, back.voltage_v, back.temperature_c),
+                (series.current_a.clone(), series.voltage_v.clone(), series.temperature_c.clone())
+            );
         }
     }
 }

@@ -29,8 +29,8 @@ mod write;
 
 pub use bdf::{bdf_text, write_bdf_parquet};
 pub use error::FormatError;
-pub use write::{SpectrumFormat, spectrum_text};
 pub use timeseries::{CurrentSign, SeriesOptions, SeriesReadError, read_series};
+pub use write::{SpectrumFormat, spectrum_text};
 
 use crate::spectrum::Spectrum;
 use std::path::Path;

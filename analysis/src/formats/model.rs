@@ -40,7 +40,9 @@ pub struct CellModel {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ModelExportError {
     /// Additions.
-    #[error("model {name}: expected one without additions, met {additions}: these formats hold resistances, capacitances and an open-circuit voltage only")]
+    #[error(
+        "model {name}: expected one without additions, met {additions}: these formats hold resistances, capacitances and an open-circuit voltage only"
+    )]
     Additions {
         /// The model.
         name: String,

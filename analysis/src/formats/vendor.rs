@@ -79,7 +79,8 @@ fn read(path: &Path, lines: &[&str], header: usize, columns: &Columns) -> Result
         if !(freq_hz > 0.0 && freq_hz.is_finite()) {
             return Err(wrong(columns.freq, "frequency", "a positive finite frequency in Hz"));
         }
-        let finite = |column: usize, name, expected| number(column).filter(|value| value.is_finite()).ok_or_else(|| wrong(column, name, expected));
+        let finite =
+            |column: usize, name, expected| number(column).filter(|value| value.is_finite()).ok_or_else(|| wrong(column, name, expected));
         let z_ohm = match columns.parts {
             Parts::Cartesian(re, im, sign) => {
                 Complex64::new(finite(re, "Re Z", "a finite number in Ω")?, sign * finite(im, "Im Z", "a finite number in Ω")?)
@@ -133,7 +134,8 @@ fn named(line: &str, separator: char) -> Option<Columns> {
     let find = |wanted: &[&str]| names.iter().position(|name| wanted.contains(&name.as_str()));
     let freq = find(&["freq", "frequency", "freq/hz", "frequency/hz", "freq(hz)", "frequency(hz)", "f/hz", "freq.", "f"])?;
     let re = find(&["zreal", "z'", "z'(a)", "re(z)/ohm", "re(z)", "z_re", "zre", "z'(ohm)", "z'/ohm", "zre/ohm", "z'(ω)", "rez"]);
-    let plus = find(&["zimag", "z''", "z''(b)", "im(z)/ohm", "im(z)", "z_im", "zim", "z''(ohm)", "z''/ohm", "zim/ohm", "z''(ω)", "z\"", "imz"]);
+    let plus =
+        find(&["zimag", "z''", "z''(b)", "im(z)/ohm", "im(z)", "z_im", "zim", "z''(ohm)", "z''/ohm", "zim/ohm", "z''(ω)", "z\"", "imz"]);
     let minus = find(&["-im(z)/ohm", "-im(z)", "-z''", "-zimag", "-z''(ohm)", "-z''/ohm", "-z''(ω)", "-zim", "-z\""]);
     let modulus = find(&["|z|/ohm", "|z|", "zmod", "impedance/ohm", "z(ohm)", "|z|(ohm)", "z(ω)", "z/ohm", "impedance"]);
     let degrees = find(&["phase(z)/deg", "phase/deg", "zphz", "-phase(°)", "phase(deg)", "phase(°)", "theta/deg"]);
@@ -174,12 +176,21 @@ mod tests {
             ("gamry.DTA", 8, (39_984.37, 2_982.016, -1_407.856), (200_015.6, 825.858_4, -1_367.239)),
             ("biologic.mpt", 4, (456.314_09, 66.016_418, -1.164_106_8), (1000.320_1, 65.470_886, -0.389_989_79)),
             ("zplot.z", 6, (94_868.33, 155.62, -52.177), (300_000.0, 147.77, -11.335)),
-            ("autolab.txt", 8, (1333.5, 0.014_190_365_264_954_8, -0.000_865_948_762_311_971), (10_000.0, 0.013_785_863_964_281, 0.007_191_946_305_823)),
+            (
+                "autolab.txt",
+                8,
+                (1333.5, 0.014_190_365_264_954_8, -0.000_865_948_762_311_971),
+                (10_000.0, 0.013_785_863_964_281, 0.007_191_946_305_823),
+            ),
         ] {
             let spectra = read_spectra(&fixture(name)).unwrap();
             let [spectrum] = spectra.as_slice() else { panic!("{name}: {} spectra", spectra.len()) };
             let end = |point: &ImpedancePoint| (point.freq_hz, point.z_ohm.re, point.z_ohm.im);
-            assert_eq!((spectrum.points.len(), end(&spectrum.points[0]), end(&spectrum.points[points - 1])), (points, first, last), "{name}");
+            assert_eq!(
+                (spectrum.points.len(), end(&spectrum.points[0]), end(&spectrum.points[points - 1])),
+                (points, first, last),
+                "{name}"
+            );
         }
     }
 
@@ -189,7 +200,9 @@ mod tests {
         let path = folder.path().join("list.txt");
         std::fs::write(&path, "Number   Frequency/Hz   Impedance/Ohm   Phase/deg\n1  10  2  -90\n2  1  4  180\n\nend\n").unwrap();
         let points = read_spectra(&path).unwrap().remove(0).points;
-        assert!((points[0].z_ohm - Complex64::new(-4.0, 0.0)).norm() < 1e-12 && (points[1].z_ohm - Complex64::new(0.0, -2.0)).norm() < 1e-12);
+        assert!(
+            (points[0].z_ohm - Complex64::new(-4.0, 0.0)).norm() < 1e-12 && (points[1].z_ohm - Complex64::new(0.0, -2.0)).norm() < 1e-12
+        );
         std::fs::write(&path, "freq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\tcycle number\n0\t1\t1\t1\n5\t1\t2\t1\n5\t3\t4\t2\n").unwrap();
         let spectra = read_sourced(&path).unwrap();
         let told: Vec<_> = spectra.iter().map(|s| (s.spectrum.name.as_str(), s.spectrum.points[0].z_ohm)).collect();
@@ -205,8 +218,14 @@ mod tests {
             read_spectra(&path).unwrap_err().to_string().replace(&path.display().to_string(), "x.z")
         };
         assert_eq!(said("Freq(Hz)\tZ'(a)\tZ''(b)\n1\t2\tno\n"), "x.z, line 2, column 3 (Im Z): expected a finite number in Ω, met \"no\"");
-        assert_eq!(said("Freq(Hz)\tZ'(a)\tZ''(b)\n-1\t2\t3\n"), "x.z, line 2, column 1 (frequency): expected a positive finite frequency in Hz, met \"-1\"");
-        assert_eq!(said("Freq(Hz)\tZ'(a)\tZ''(b)\n1\t2\n"), "x.z, line 2, column 3 (Im Z): expected a finite number in Ω, met \"the end of the line\"");
+        assert_eq!(
+            said("Freq(Hz)\tZ'(a)\tZ''(b)\n-1\t2\t3\n"),
+            "x.z, line 2, column 1 (frequency): expected a positive finite frequency in Hz, met \"-1\""
+        );
+        assert_eq!(
+            said("Freq(Hz)\tZ'(a)\tZ''(b)\n1\t2\n"),
+            "x.z, line 2, column 3 (Im Z): expected a finite number in Ω, met \"the end of the line\""
+        );
         let empty = "x.z: expected at least one line with a frequency and an impedance, met the names of columns and no row of numbers";
         assert_eq!(said("Freq(Hz)\tZ'(a)\tZ''(b)\n"), empty);
     }

@@ -24,9 +24,11 @@ pub mod replay;
 pub mod resume;
 pub mod run;
 pub mod safe;
+pub mod serve;
 pub mod simulate;
 pub mod sop;
 pub mod study;
+pub mod token;
 pub mod verify;
 pub mod wish;
 
@@ -79,6 +81,9 @@ pub enum Failure {
     /// A bench that is in use, or latched, or whose state cannot be written.
     #[error(transparent)]
     State(StateError),
+    /// A run folder that a process works in.
+    #[error("{0}")]
+    Going(String),
     /// The guardian.
     #[error(transparent)]
     Guardian(#[from] GuardianError),
@@ -116,8 +121,8 @@ impl Failure {
             Self::FixtureCheck(_) => 4,
             Self::Unsafe { .. } => 6,
             Self::State(StateError::Latched { .. }) => 7,
-            Self::State(StateError::Busy { .. }) | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,
-            Self::State(StateError::Io { .. }) | Self::Guardian(GuardianError::State(_)) => 2,
+            Self::Going(_) | Self::State(StateError::Busy { .. }) | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,
+            Self::State(StateError::Io { .. } | StateError::Nowhere) | Self::Guardian(GuardianError::State(_)) => 2,
             Self::Guardian(GuardianError::Bench(_) | GuardianError::Refused(_)) => 3,
             Self::Guardian(_) => 9,
             Self::Differs(_) => 10,

@@ -40,7 +40,8 @@ pub struct ReplayArgs {
 /// # Errors
 /// A folder that cannot be read as a run; a capture that is damaged or cannot be analysed.
 pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
-    let (described, named): (Vec<PathBuf>, Vec<PathBuf>) = args.runs.iter().cloned().partition(|path| path.extension().is_some_and(|end| end == "toml"));
+    let (described, named): (Vec<PathBuf>, Vec<PathBuf>) =
+        args.runs.iter().cloned().partition(|path| path.extension().is_some_and(|end| end == "toml"));
     for file in &described {
         captures::replay(file, args.out.as_deref())?;
     }

@@ -20,7 +20,8 @@ use crate::{
     },
     config::Experiment,
     custody,
-    journal::JOURNAL,
+    journal::{self, JOURNAL},
+    record::RecordError,
     wishes::Wishes,
 };
 
@@ -36,9 +37,11 @@ const REWRITTEN: [&str; 1] = ["json"];
 pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
     // Without the slash that a terminal appends.
     let folder = &args.folder.components().collect::<PathBuf>();
-    let (experiment, past) = Past::read(folder, args.accept_charge)?;
-    // A run that is still going on must find its folder, and what is wanted of it, as they are.
-    custody::refuse(&experiment.bench)?;
+    // A run that is still going on must find its folder, and what is wanted of it, as they are. What it has left on is switched off whatever became of it.
+    let (experiment, past) = Past::read(folder, args.accept_charge, |experiment| {
+        custody::refuse(&experiment.bench)?;
+        refuse_going(folder)
+    })?;
     Wishes::forget(folder);
     let addressed = experiment.bench.instruments.addressed();
     let in_process = addressed.iter().any(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));
@@ -56,8 +59,17 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
     Ok(())
 }
 
+/// A run has no lock beside its journal where its bench is simulated in its own process.
+fn refuse_going(folder: &Path) -> Result<(), Failure> {
+    let text = || {
+        format!("{}: expected a run that was interrupted, found one that is going on: another process writes its journal", folder.display())
+    };
+    if journal::is_written(folder) { Err(Failure::Going(text())) } else { Ok(()) }
+}
+
 /// Plays a run in virtual time again and puts it in the place of what was finished of it.
 fn replay(experiment: &Experiment, folder: &Path) -> Result<String, Failure> {
+    let _held = journal::hold(folder).map_err(RecordError::from)?;
     let mut scratch = folder.as_os_str().to_owned();
     scratch.push(".again");
     let scratch = PathBuf::from(scratch);

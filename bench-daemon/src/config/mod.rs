@@ -4,6 +4,7 @@
 mod campaign;
 mod check;
 mod interlock;
+mod limits;
 mod multisine;
 mod ocv_soc;
 mod quality;
@@ -33,7 +34,8 @@ pub(crate) use check::{LOAD_CUT_OFF_V, check_frames};
 pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
 pub use resolve::{load_any_bench, load_bench, load_experiment, resolve_experiment};
-pub use source::{ConfigError, Copies, Source};
+pub use source::{ConfigError, Copies, Fence, Source};
+pub(crate) use trace::{AFTER_WAVE_S, BEFORE_S};
 pub use trace::{Segment, Trace};
 
 /// A complete experiment.
@@ -100,6 +102,11 @@ impl Bench {
     /// Whether it is simulated in this process: then nothing of it is left when the process has ended.
     pub fn in_process(&self) -> bool {
         self.instruments.addressed().iter().all(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }))
+    }
+
+    /// Whether mocks on this machine stand for its instruments: nothing at these addresses outlives the process that serves them.
+    pub fn is_mocked(&self) -> bool {
+        self.simulation.is_some() && self.instruments.addressed().iter().all(|(_, instrument)| resolve::is_local(&instrument.address))
     }
 
     /// How bench time runs.
@@ -239,6 +246,9 @@ pub struct Cell {
     /// Open-circuit voltage as the data sheet or an earlier cell shows it.
     #[serde(skip)]
     pub ocv: Option<OcvCurve>,
+    /// What of its limits is beyond its data or common sense, in words.
+    #[serde(skip)]
+    pub wide: Vec<String>,
 }
 
 /// A temperature to hold.

@@ -175,12 +175,30 @@ pub(super) struct Trace {
     pub(super) resistance_max: Quantity<Resistance>,
     pub(super) segments: Option<Vec<Segment>>,
     pub(super) file: Option<String>,
+    /// Factor on every row: a pack's profile on one of its cells, for instance.
+    pub(super) scale: Option<f64>,
+    #[serde(default)]
+    pub(super) through: Through,
+    /// Rows are averaged over steps of this length.
+    pub(super) step: Option<Quantity<Duration>>,
     #[serde(default = "two_milliseconds")]
     pub(super) first_sample: Quantity<Duration>,
     #[serde(default = "twelve")]
     pub(super) samples_per_decade: f64,
     #[serde(default = "ten_seconds")]
     pub(super) longest_interval: Quantity<Duration>,
+}
+
+/// What a trace is played through.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Through {
+    #[default]
+    Bipolar,
+    Wave,
+    LoadAndSupply,
+    /// The first of these that can.
+    Auto,
 }
 
 #[derive(Debug, Deserialize)]
@@ -368,6 +386,8 @@ pub(super) struct Cell {
     pub(super) temperature_max: Quantity<Temperature>,
     #[serde(default)]
     pub(super) interlock: super::interlock::Section,
+    #[serde(default)]
+    pub(super) absolute: super::limits::Section,
     pub(super) pack: Pack,
     pub(super) ocv: Option<Ocv>,
 }

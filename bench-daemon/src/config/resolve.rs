@@ -18,7 +18,9 @@ use instruments::{
     transport::Address,
 };
 
-use super::{Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, raw};
+use super::{
+    Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, limits, raw,
+};
 use crate::interlock::Limits;
 
 /// Reads an experiment with its bench (or another one in its place) and its cell.
@@ -274,7 +276,7 @@ fn resolve_faults(source: &Source, raw: &raw::Faults) -> Result<Schedule, Config
 }
 
 /// In this process, on the loopback interface, or on a pseudo-terminal.
-fn is_local(address: &Address) -> bool {
+pub(super) fn is_local(address: &Address) -> bool {
     match address {
         Address::Memory { .. } => true,
         Address::Tcp { host, .. } => host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback()),
@@ -373,7 +375,7 @@ fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
         OcvCurve::monotone(raw.capacity.si / 3600.0, ocv.soc, ocv.voltage_v).map_err(|error| source.complain("ocv", error.to_string()))
     };
     let ocv = raw.ocv.map(curve).transpose()?;
-    Ok(Cell {
+    let cell = Cell {
         name: raw.name,
         capacity_c: raw.capacity.si,
         limits: Limits {
@@ -388,5 +390,8 @@ fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
         series: raw.pack.series,
         parallel: raw.pack.parallel,
         ocv,
-    })
+        wide: Vec::new(),
+    };
+    raw.absolute.check(source, &cell)?;
+    Ok(Cell { wide: limits::wide(&cell), ..cell })
 }

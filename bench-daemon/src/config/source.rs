@@ -2,13 +2,16 @@
 
 use std::{
     collections::BTreeMap,
+    io::Read,
     ops::Range,
-    path::{Path, PathBuf},
+    path::{Component, Path, PathBuf},
     sync::Arc,
 };
 
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
+
+use crate::beneath;
 
 /// A complaint about a configuration file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -40,8 +43,71 @@ pub enum ConfigError {
 pub struct Source {
     path: PathBuf,
     text: String,
-    /// Texts that are read in the place of files, by path; without any the disk is read.
-    copies: Option<Arc<Copies>>,
+    others: Others,
+}
+
+/// Where the files that a file names are read.
+#[derive(Debug, Clone)]
+enum Others {
+    /// From the disk.
+    Disk,
+    /// In the place of files texts are read, by path.
+    Copies(Arc<Copies>),
+    /// From the disk, within a fence.
+    Fenced(Arc<Fence>),
+}
+
+/// What a file of somebody else may name.
+#[derive(Debug)]
+pub struct Fence {
+    /// Everything below this folder …
+    pub below: PathBuf,
+    /// … and these files.
+    pub also: Vec<PathBuf>,
+}
+
+impl Fence {
+    /// A path below the folder, relative to it; its dots are taken as they are written.
+    pub fn relative(&self, path: &Path) -> Option<PathBuf> {
+        let (path, below) = (plain(path)?, plain(&self.below)?);
+        path.strip_prefix(below).ok().map(Path::to_owned)
+    }
+
+    fn read(&self, path: &Path) -> Result<String, ConfigError> {
+        let unreadable = |reason: String| ConfigError::Unreadable { path: path.to_owned(), reason };
+        if self.also.iter().any(|known| known == path) {
+            return std::fs::read_to_string(path).map_err(|error| unreadable(error.to_string()));
+        }
+        let name = self.relative(path).and_then(|name| name.to_str().map(str::to_owned));
+        let file = name.and_then(|name| beneath::open(&self.below, &name));
+        let file = file.ok_or_else(|| unreadable("there is no such file in the folder of the configuration".to_owned()))?;
+        let mut text = String::new();
+        match file.take(LONGEST).read_to_string(&mut text) {
+            Ok(read) if (read as u64) < LONGEST => Ok(text),
+            Ok(_) => Err(unreadable(format!("expected fewer than {LONGEST} bytes"))),
+            Err(error) => Err(unreadable(error.to_string())),
+        }
+    }
+}
+
+/// Longest file behind a fence, bytes.
+const LONGEST: u64 = 64 * 1024 * 1024;
+
+/// A path without `.` and `..`; nothing for one that leaves its root.
+fn plain(path: &Path) -> Option<PathBuf> {
+    let mut plain = PathBuf::new();
+    for part in std::path::absolute(path).ok()?.components() {
+        match part {
+            Component::ParentDir => {
+                if !plain.pop() {
+                    return None;
+                }
+            }
+            Component::CurDir => {}
+            other => plain.push(other),
+        }
+    }
+    Some(plain)
 }
 
 /// Files as they were, by path.
@@ -55,7 +121,7 @@ impl Source {
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let text =
             std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable { path: path.to_owned(), reason: error.to_string() })?;
-        Ok(Self { path: path.to_owned(), text, copies: None })
+        Ok(Self { path: path.to_owned(), text, others: Others::Disk })
     }
 
     /// A file as it was, beside others as they were: whatever it names is read from there too.
@@ -65,7 +131,12 @@ impl Source {
     pub fn copy(path: &Path, copies: &Arc<Copies>) -> Result<Self, ConfigError> {
         let reason = || "it is not among the copies of the run folder".to_owned();
         let text = copies.get(path).ok_or_else(|| ConfigError::Unreadable { path: path.to_owned(), reason: reason() })?;
-        Ok(Self { path: path.to_owned(), text: text.clone(), copies: Some(copies.clone()) })
+        Ok(Self { path: path.to_owned(), text: text.clone(), others: Others::Copies(copies.clone()) })
+    }
+
+    /// A text as if it were a file at `path`, written by somebody who must not read everything: what it names is read within the fence only.
+    pub fn fenced(path: &Path, text: String, fence: &Arc<Fence>) -> Self {
+        Self { path: path.to_owned(), text, others: Others::Fenced(fence.clone()) }
     }
 
     /// Another file, read as this one was: from the disk, or as it was.
@@ -73,7 +144,11 @@ impl Source {
     /// # Errors
     /// [`ConfigError::Unreadable`].
     pub fn open(&self, path: &Path) -> Result<Self, ConfigError> {
-        self.copies.as_ref().map_or_else(|| Self::read(path), |copies| Self::copy(path, copies))
+        match &self.others {
+            Others::Disk => Self::read(path),
+            Others::Copies(copies) => Self::copy(path, copies),
+            Others::Fenced(fence) => Ok(Self::fenced(path, fence.read(path)?, fence)),
+        }
     }
 
     /// The file's path.
@@ -207,7 +282,7 @@ mod tests {
     }
 
     fn source(text: &str) -> Source {
-        Source { path: PathBuf::from("a.toml"), text: text.to_owned(), copies: None }
+        Source { path: PathBuf::from("a.toml"), text: text.to_owned(), others: Others::Disk }
     }
 
     #[test]

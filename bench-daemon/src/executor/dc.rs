@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use instruments::{
-    load::Discharge,
+    load::{Discharge, Draw},
     supply::Charge,
     units::{Amps, Celsius, Volts},
 };
@@ -112,7 +112,7 @@ impl Executor<'_> {
         let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.experiment.cell.limits.min_v));
         let error = self.bench.error("load");
         let load = require(&mut self.bench.load, "load")?;
-        load.prepare(&Discharge { current: Amps(current_a), stop_below }).await.map_err(&error)?;
+        load.prepare(&Discharge { draw: Draw::Current(Amps(current_a)), stop_below }).await.map_err(&error)?;
         require(&mut self.bench.load, "load")?.energise().await.map_err(&error)?;
         let start_s = self.clock.now_s();
         for poll in 1.. {

@@ -42,9 +42,7 @@ impl Executor<'_> {
         self.interlock.begin(nothing, self.clock.machine_s());
         while self.paused(true)? {
             self.clock.sleep_s(PAUSE_POLL_S).await;
-            if self.bench.supply4q.is_some() {
-                self.watch("paused", fixture).await?;
-            }
+            self.watch_idle("paused", fixture).await?;
         }
         self.recorder.journal(Entry::GoneOn)?;
         Ok(self.recorder.event("goes on on request")?)

@@ -24,6 +24,8 @@ pub struct Settings {
     pub temperature_age_s: f64,
     /// A value that stays the same to the last digit while so much charge passes is frozen, C.
     pub frozen_c: f64,
+    /// The same for a voltage and a current that a slow sinusoid moves, s; at least two of its periods.
+    pub frozen_s: f64,
 }
 
 /// What the step in work may do.
@@ -39,6 +41,8 @@ pub struct Allowance {
     pub charge_c: (f64, f64),
     /// A supply holds the voltage from here on, V: that it stands still is no fault.
     pub held_v: f64,
+    /// The period of a sinusoid that is slow enough to be followed reading by reading, s: current and, of a cell, voltage must move with it.
+    pub swing_s: Option<f64>,
     /// The cell is in the jig: its voltage moves with the charge.
     pub cell: bool,
     /// The chiller is to change the temperature: its rate is not judged.
@@ -49,24 +53,26 @@ impl Allowance {
     /// Nothing may flow.
     pub fn idle(limits: Limits) -> Self {
         let charge_c = (f64::NEG_INFINITY, f64::INFINITY);
-        Self { limits, live: false, continues: false, charge_c, held_v: f64::INFINITY, cell: true, tempering: false }
+        Self { limits, live: false, continues: false, charge_c, held_v: f64::INFINITY, swing_s: None, cell: true, tempering: false }
     }
 }
 
-/// A value, and the charge at which it was seen to change last.
+/// A value, and the charge, C, and the bench time, s, at which it was seen to change last.
 #[derive(Debug, Clone, Copy, Default)]
 struct Last {
     value: Option<f64>,
     charge_c: f64,
+    /// None: from the next reading on.
+    time_s: Option<f64>,
 }
 
 impl Last {
-    /// Charge that has passed since the value changed, C.
-    fn since_c(&mut self, value: f64, charge_c: f64) -> f64 {
+    /// Charge, C, and time, s, that have passed since the value changed.
+    fn since(&mut self, value: f64, (charge_c, time_s): (f64, f64)) -> (f64, f64) {
         if self.value != Some(value) {
-            *self = Self { value: Some(value), charge_c };
+            *self = Self { value: Some(value), charge_c, time_s: None };
         }
-        (charge_c - self.charge_c).abs()
+        ((charge_c - self.charge_c).abs(), time_s - *self.time_s.get_or_insert(time_s))
     }
 }
 
@@ -86,9 +92,12 @@ pub struct Interlock {
     read_s: Option<f64>,
     temperature_s: f64,
     voltage: Last,
+    amps: Last,
     temperature: Last,
 }
 
+/// Periods of a slow sinusoid in which a reading must move.
+const SWINGS: f64 = 2.0;
 /// Fewest temperatures, and least share of the window, that make a rate.
 const RATE: (usize, f64) = (3, 0.5);
 
@@ -105,6 +114,7 @@ impl Interlock {
             read_s: None,
             temperature_s: f64::NEG_INFINITY,
             voltage: Last::default(),
+            amps: Last::default(),
             temperature: Last::default(),
         }
     }
@@ -113,10 +123,14 @@ impl Interlock {
     pub fn begin(&mut self, allowance: Allowance, machine_s: f64) {
         if !allowance.continues {
             (self.charge_c, self.current) = (0.0, None);
-            (self.voltage, self.temperature) = (Last::default(), Last::default());
+            (self.voltage, self.amps, self.temperature) = (Last::default(), Last::default(), Last::default());
             // What was not read while nothing flowed is not late.
             self.read_s = Some(machine_s);
             self.temperature_s = self.temperature_s.max(machine_s);
+        }
+        if allowance.swing_s != self.allowance.swing_s {
+            // What stood still under another current stood still rightly.
+            (self.voltage.time_s, self.amps.time_s) = (None, None);
         }
         if allowance.tempering != self.allowance.tempering {
             self.temperatures.clear();
@@ -127,7 +141,7 @@ impl Interlock {
     /// Something else is in the jig: what was seen before says nothing of it.
     pub fn forget(&mut self) {
         self.temperatures.clear();
-        (self.voltage, self.temperature) = (Last::default(), Last::default());
+        (self.voltage, self.amps, self.temperature) = (Last::default(), Last::default(), Last::default());
     }
 
     /// Limits of each reading of the step in work.
@@ -158,6 +172,8 @@ impl Interlock {
 
     fn late(&mut self, reading: &Reading, machine_s: f64) -> Option<Trip> {
         let since_s = self.read_s.replace(machine_s).map_or(0.0, |read_s| machine_s - read_s);
+        // Nobody saw what came before the reading that ends a gap.
+        let age_s = if self.logger { machine_s - self.temperature_s } else { 0.0 };
         if reading.temperature_c.is_some() {
             self.temperature_s = machine_s;
         }
@@ -171,10 +187,8 @@ impl Interlock {
                 time_s: reading.time_s,
             })
         };
-        limit("time without a reading", since_s, self.settings.reading_age_s).or_else(|| {
-            let age_s = if self.logger { machine_s - self.temperature_s } else { 0.0 };
-            limit("time without a cell temperature", age_s, self.settings.temperature_age_s)
-        })
+        limit("time without a reading", since_s, self.settings.reading_age_s)
+            .or_else(|| limit("time without a cell temperature", age_s, self.settings.temperature_age_s))
     }
 
     /// The trapezoidal rule.
@@ -215,15 +229,25 @@ impl Interlock {
     }
 
     fn frozen(&mut self, reading: &Reading) -> Option<Trip> {
-        let (charge_c, greatest) = (self.charge_c, self.settings.frozen_c);
-        let volts = reading.voltage_v.filter(|volts| *volts < self.allowance.held_v);
-        let stale_c = [
-            ("charge while the cell voltage stood still", volts.map(|volts| self.voltage.since_c(volts, charge_c))),
-            ("charge while the cell temperature stood still", reading.temperature_c.map(|c| self.temperature.since_c(c, charge_c))),
+        let (now, settings) = ((self.charge_c, reading.time_s), self.settings);
+        let volts = reading.voltage_v.map(|volts| self.voltage.since(volts, now));
+        let amps = reading.current_a.map(|amps| self.amps.since(amps, now));
+        let celsius = reading.temperature_c.map(|celsius| self.temperature.since(celsius, now));
+        if !self.allowance.live {
+            return None;
+        }
+        let held = reading.voltage_v.is_some_and(|volts| volts >= self.allowance.held_v);
+        let cell = |since: Option<(f64, f64)>| since.filter(|_| self.allowance.cell);
+        let charge = |since: Option<(f64, f64)>| Some((cell(since)?.0, settings.frozen_c, "C"));
+        let time = |since: Option<(f64, f64)>| Some((since?.1, settings.frozen_s.max(SWINGS * self.allowance.swing_s?), "s"));
+        let stood = [
+            ("charge while the cell voltage stood still", charge(volts.filter(|_| !held))),
+            ("charge while the cell temperature stood still", charge(celsius)),
+            ("time in which the cell voltage stood still under a sinusoid", time(cell(volts))),
+            ("time in which the cell current stood still under a sinusoid", time(amps)),
         ];
-        let frozen = stale_c.into_iter().find_map(|(what, since_c)| Some((what, since_c.filter(|c| *c > greatest)?)));
-        let (what, value) = frozen.filter(|_| self.allowance.live && self.allowance.cell)?;
-        Some(Trip::Limit { what, value, unit: "C", least: 0.0, greatest, time_s: reading.time_s })
+        let frozen = stood.into_iter().find_map(|(what, found)| Some((what, found.filter(|(value, greatest, _)| value > greatest)?)));
+        frozen.map(|(what, (value, greatest, unit))| Trip::Limit { what, value, unit, least: 0.0, greatest, time_s: reading.time_s })
     }
 }
 
@@ -249,6 +273,7 @@ mod tests {
         reading_age_s: 15.0,
         temperature_age_s: 60.0,
         frozen_c: 50.0,
+        frozen_s: 30.0,
     };
 
     fn live(charge_c: (f64, f64)) -> Interlock {
@@ -329,6 +354,76 @@ mod tests {
         interlock.begin(Allowance { continues: true, charge_c: (-10.0, 590.0), held_v: 0.0, ..holding }, 200.0);
         let reading = Reading { time_s: 201.0, voltage_v: Some(4.15), current_a: Some(3.0), ..Reading::default() };
         assert!(interlock.judge(&reading, 201.0).is_some_and(|trip| trip.to_string().starts_with("net charge of the step 600")));
+    }
+
+    #[test]
+    fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_rest_does_not() {
+        let swinging = |period_s| {
+            let mut interlock = Interlock::new(SETTINGS, LIMITS, false);
+            interlock.begin(Allowance { live: true, charge_c: FREE, swing_s: period_s, ..Allowance::idle(LIMITS) }, 0.0);
+            interlock
+        };
+        let phase = |t: f64| (std::f64::consts::TAU * t / 10.0).sin();
+        // Whole millivolts and tenths of an ampere.
+        let volts = move |t: f64| (1000.0 * (3.8 + 0.009 * phase(t))).round() / 1000.0;
+        let amps = move |t: f64| (10.0 * phase(t)).round() / 10.0;
+        let cases: [(Option<f64>, Course, Option<(&str, f64)>); 6] = [
+            (Some(10.0), Box::new(move |t| (volts(t), amps(t), None)), None),
+            (
+                Some(10.0),
+                Box::new(move |t| (3.8, amps(t), None)),
+                Some(("time in which the cell voltage stood still under a sinusoid 31", 32.0)),
+            ),
+            (
+                Some(10.0),
+                Box::new(move |t| (volts(t), 0.3, None)),
+                Some(("time in which the cell current stood still under a sinusoid 31", 32.0)),
+            ),
+            // Two periods at least.
+            (
+                Some(20.0),
+                Box::new(move |t| (3.8, amps(t), None)),
+                Some(("time in which the cell voltage stood still under a sinusoid 41", 42.0)),
+            ),
+            // A fast sinusoid is averaged away, and at rest nothing moves.
+            (None, Box::new(|_| (3.8, 0.0, None)), None),
+            (None, Box::new(|_| (3.8, 0.1, None)), None),
+        ];
+        for (period_s, of, expected) in cases {
+            let tripped = play(&mut swinging(period_s), course(300, of));
+            let right = match (&tripped, expected) {
+                (Some((found, time_s)), Some((text, at_s))) => found.starts_with(text) && *time_s == at_s,
+                (found, expected) => found.is_none() && expected.is_none(),
+            };
+            assert!(right, "{expected:?}: {tripped:?}");
+        }
+        // What stood still under the fast sinusoid before is not held against the slow one.
+        let mut interlock = swinging(None);
+        assert_eq!(play(&mut interlock, course(100, |_| (3.8, 0.0, None))), None);
+        interlock.begin(Allowance { continues: true, ..Allowance { live: true, swing_s: Some(10.0), ..Allowance::idle(LIMITS) } }, 100.0);
+        let later = (101..=300).map(f64::from).map(|t| Reading {
+            time_s: t,
+            voltage_v: Some(volts(t)),
+            current_a: Some(amps(t)),
+            ..Reading::default()
+        });
+        assert_eq!(play(&mut interlock, later), None);
+        // Copper has no voltage to speak of: its current alone is looked at.
+        let mut copper = swinging(None);
+        copper.begin(Allowance { live: true, swing_s: Some(10.0), cell: false, ..Allowance::idle(LIMITS.of_control()) }, 0.0);
+        assert_eq!(play(&mut copper, course(100, move |t| (0.0, amps(t), None))), None);
+    }
+
+    #[test]
+    fn a_gap_in_the_temperatures_trips_even_when_it_ends() {
+        let mut interlock = live(FREE);
+        let reading =
+            |time_s: f64, temperature_c| Reading { time_s, voltage_v: Some(3.8 - 1.0e-4 * time_s), temperature_c, ..Reading::default() };
+        for time_s in 1..=6 {
+            assert_eq!(interlock.judge(&reading(10.0 * f64::from(time_s), None), 10.0 * f64::from(time_s)), None);
+        }
+        let trip = interlock.judge(&reading(61.0, Some(25.0)), 61.0).map(|trip| trip.to_string()).unwrap_or_default();
+        assert!(trip.starts_with("time without a cell temperature 61.0000 s left its limits (0 s to 60 s)"), "{trip}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Rigol DL3021 electronic load. The function is set as `CURR` and answered as `CC`; an error queue; two line ends behind a measurement.
 //!
-//! Only constant current draws from the cell; the other functions and regulation modes can be chosen and read back, but draw nothing. `[:SOURce]` is
-//! optional. Assumed: out-of-range values are refused with −222; below `VON` the input sinks nothing.
+//! Only constant current and constant power draw from the cell; the other functions and regulation modes can be chosen and read back, but draw nothing. `[:SOURce]` is
+//! optional. Assumed: out-of-range values are refused with −222; below `VON` the input sinks nothing, whatever the function.
 
 use scpi::{
     Branch, Leaf, Root,
@@ -84,6 +84,7 @@ impl Dl3000 {
         self.world.act(Action::Load(LoadState {
             input_on: settings.input_on,
             current_a: if draws { settings.amps } else { 0.0 },
+            power_w: (settings.function == 3 && settings.mode == 0).then_some(settings.watts),
             min_voltage_v: settings.start_volts,
         }));
     }

@@ -120,13 +120,15 @@ pub struct BipolarState {
     pub off_is_open: bool,
 }
 
-/// State of a DC load in constant current.
+/// State of a DC load in constant current or in constant power.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LoadState {
     /// The input is on.
     pub input_on: bool,
     /// Current that it draws from the cell, A, positive.
     pub current_a: f64,
+    /// In the place of a current, power that it draws at its terminals, W, positive.
+    pub power_w: Option<f64>,
     /// It sinks nothing while its terminals are below this, V.
     pub min_voltage_v: f64,
 }

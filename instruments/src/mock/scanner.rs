@@ -125,6 +125,10 @@ impl Scanner {
             103 => self.world.read(Meter::BathCelsius),
             _ => return OVERLOAD,
         };
+        // A broken wire.
+        if celsius.is_nan() {
+            return OVERLOAD;
+        }
         match self.settings.unit {
             _ if !self.settings.temperature.contains(&channel) => (celsius - JUNCTION_C) * VOLTS_PER_KELVIN,
             "F" => celsius * 1.8 + 32.0,

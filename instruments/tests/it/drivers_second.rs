@@ -5,7 +5,7 @@ use instruments::{
     chiller,
     generator::{self, Sine},
     instrument::Instrument,
-    load::{self, Discharge, Load},
+    load::{self, Discharge, Draw, Load},
     mock::{
         MockOptions,
         plant::{Action, ChillerState, GeneratorState, LoadState, SupplyState},
@@ -131,16 +131,16 @@ fn a_load_with_two_line_ends_is_read_and_one_left_on_in_another_mode_is_off_befo
         rig.earlier_user(Terminator::Lf, &[":SOUR:CURR:LEV:IMM 9", ":SOUR:CURR:RANG 4", ":SOUR:FUNC:MODE BATT", ":SOUR:INP:STAT ON"]).await;
         let start = loads(&rig).len();
         let mut load = load(&rig).await;
-        load.prepare(&Discharge { current: Amps(6.0), stop_below: Volts(2.75) }).await.unwrap();
+        load.prepare(&Discharge { draw: Draw::Current(Amps(6.0)), stop_below: Volts(2.75) }).await.unwrap();
         assert!(loads(&rig)[start..].iter().all(|state| !state.input_on), "{:?}", &loads(&rig)[start..]);
         load.energise().await.unwrap();
-        assert_eq!(*loads(&rig).last().unwrap(), LoadState { input_on: true, current_a: 6.0, min_voltage_v: 2.75 });
+        assert_eq!(*loads(&rig).last().unwrap(), LoadState { input_on: true, current_a: 6.0, min_voltage_v: 2.75, power_w: None });
         for _ in 0..3 {
             assert_eq!(load.measure().await.unwrap(), (Volts(3.7), Amps(1.5)));
         }
         load.safe().await.unwrap();
         assert!(!loads(&rig).last().unwrap().input_on);
-        let refused = load.prepare(&Discharge { current: Amps(50.0), stop_below: Volts(2.75) }).await.unwrap_err().to_string();
+        let refused = load.prepare(&Discharge { draw: Draw::Current(Amps(50.0)), stop_below: Volts(2.75) }).await.unwrap_err().to_string();
         assert_eq!(refused, "dev: `:SOUR:CURR:LEV:IMM 50.0000` was refused: -222, Data out of range");
     });
 }

@@ -222,7 +222,7 @@ fn the_load_answers_and_draws() {
         (":NONSENSE?", ""),
         ("*OPC?", "1\n"),
     ]);
-    let drawing = LoadState { input_on: true, current_a: 5.0, min_voltage_v: 3.0 };
+    let drawing = LoadState { input_on: true, current_a: 5.0, min_voltage_v: 3.0, power_w: None };
     assert_eq!(bench.last_action(), Action::Load(drawing));
     bench.send(&[":CURR:PROT:LEV 4"]);
     bench.now_s = 2.0;
@@ -230,9 +230,11 @@ fn the_load_answers_and_draws() {
     assert_eq!(bench.last_action(), Action::Load(LoadState { input_on: false, ..drawing }));
     // A latching load that has started goes on below its start voltage.
     bench.send(&[":CURR 1", ":VOLT:LATC ON", ":INP ON"]);
-    assert_eq!(bench.last_action(), Action::Load(LoadState { input_on: true, current_a: 1.0, min_voltage_v: 0.0 }));
+    assert_eq!(bench.last_action(), Action::Load(LoadState { input_on: true, current_a: 1.0, min_voltage_v: 0.0, power_w: None }));
     bench.send(&[":FUNC POW"]);
-    assert!(matches!(bench.last_action(), Action::Load(LoadState { current_a: 0.0, .. })));
+    assert!(matches!(bench.last_action(), Action::Load(LoadState { current_a: 0.0, power_w: Some(0.0), .. })));
+    bench.send(&[":POW:LEV:IMM 12.5"]);
+    assert!(matches!(bench.last_action(), Action::Load(LoadState { input_on: true, current_a: 0.0, power_w: Some(12.5), .. })));
 }
 
 #[test]

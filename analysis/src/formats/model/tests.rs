@@ -27,9 +27,13 @@ fn a_header_that_is_compiled_gives_what_the_simulation_gives() {
     std::fs::write(path("model.h"), cell.text(ModelFormat::CHeader)).unwrap();
     let steps = [(5.0, 10.0), (-3.0, 60.0), (0.0, 300.0), (20.0, 600.0)];
     let calls: String = steps.iter().map(|(a, s)| format!("printf(\"%.17g\\n\", eis_step(&s, {a:?}, {s:?}));\n")).collect();
-    let program = format!("#include <stdio.h>\n#include \"model.h\"\nint main(void) {{ eis_state s; eis_rest(&s, 0.6);\n{calls}return 0; }}\n");
+    let program =
+        format!("#include <stdio.h>\n#include \"model.h\"\nint main(void) {{ eis_state s; eis_rest(&s, 0.6);\n{calls}return 0; }}\n");
     std::fs::write(path("main.c"), program).unwrap();
-    let compiled = Command::new("cc").current_dir(folder.path()).args(["-std=c99", "-Wall", "-Wextra", "-Werror", "-o", "model", "main.c", "-lm"]).output();
+    let compiled = Command::new("cc")
+        .current_dir(folder.path())
+        .args(["-std=c99", "-Wall", "-Wextra", "-Werror", "-o", "model", "main.c", "-lm"])
+        .output();
     let Ok(compiled) = compiled else {
         eprintln!("no C compiler: the header was not compiled");
         return;
@@ -46,7 +50,9 @@ fn a_header_that_is_compiled_gives_what_the_simulation_gives() {
         rows.push((at, steps.get(k + 1).map_or(0.0, |next| next.0)));
     }
     let profile = Profile::new("steps", (Demand::Current, Interpolation::Hold), &rows).unwrap();
-    let trace = simulate(&model, &model.rest(0.6).unwrap(), &profile, &SimOptions { max_step_s: f64::INFINITY, ..SimOptions::default() }).unwrap().trace;
+    let trace = simulate(&model, &model.rest(0.6).unwrap(), &profile, &SimOptions { max_step_s: f64::INFINITY, ..SimOptions::default() })
+        .unwrap()
+        .trace;
     let mut end_s = 0.0;
     for ((_, s), met) in steps.iter().zip(&met) {
         end_s += s;

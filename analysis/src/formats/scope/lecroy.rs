@@ -21,7 +21,13 @@ pub(super) fn begins(bytes: &Bytes) -> Option<usize> {
 
 /// Opens a file whose descriptor begins at a byte.
 pub(super) fn open(path: &Path, bytes: &Bytes, at: usize) -> Result<ScopeRecord, ScopeError> {
-    let wrong = |field, expected: &str, met: String| ScopeError::Layout { file: path.to_owned(), kind: KIND, field, expected: expected.to_owned(), met };
+    let wrong = |field, expected: &str, met: String| ScopeError::Layout {
+        file: path.to_owned(),
+        kind: KIND,
+        field,
+        expected: expected.to_owned(),
+        met,
+    };
     let io = |source| ScopeError::Io { file: path.to_owned(), action: "open it", source };
     let file = File::open(path).map_err(io)?;
     let mut header = Bytes::at(path, &file, at as u64)?;

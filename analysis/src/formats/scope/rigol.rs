@@ -12,7 +12,13 @@ const MOST: u32 = 64;
 
 /// Opens a file that begins with `RG`.
 pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError> {
-    let wrong = |field, expected: &str, met: String| ScopeError::Layout { file: path.to_owned(), kind: KIND, field, expected: expected.to_owned(), met };
+    let wrong = |field, expected: &str, met: String| ScopeError::Layout {
+        file: path.to_owned(),
+        kind: KIND,
+        field,
+        expected: expected.to_owned(),
+        met,
+    };
     let io = |source| ScopeError::Io { file: path.to_owned(), action: "open it", source };
     // From version 3 on the sizes of file and buffer have eight bytes.
     let (count, mut at, wide) = match &bytes.head().get(2..4) {
@@ -31,8 +37,12 @@ pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError
         let data = Bytes::at(path, &file, at + size)?;
         let (head, kind, width) = (u64::from(data.u32(0)), data.u16(4), data.u16(6));
         let length = if wide { data.u64(8) } else { u64::from(data.u32(8)) };
-        if size < 100 || head < 12 || at + size + head + length > bytes.length {
-            return Err(wrong("waveform", "headers and samples within the file", format!("{size}, {head} and {length} bytes from {at} on")));
+        if size < 100 || head < 12 || (at + size + head).saturating_add(length) > bytes.length {
+            return Err(wrong(
+                "waveform",
+                "headers and samples within the file",
+                format!("{size}, {head} and {length} bytes from {at} on"),
+            ));
         }
         // Digital channels and their like are passed over.
         if width == 4 && kind <= 5 && (points as u64) * 4 <= length {

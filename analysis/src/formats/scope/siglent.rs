@@ -64,12 +64,18 @@ pub(super) fn is_one(bytes: &Bytes) -> bool {
 
 /// A value in SI: the number and the power of thousand that follows it.
 fn value(bytes: &Bytes, at: usize) -> f64 {
-    bytes.f64(at) * 10.0_f64.powi(3 * (bytes.u32(at + 8).cast_signed() - 8))
+    bytes.f64(at) * 10.0_f64.powf(3.0 * (f64::from(bytes.u32(at + 8)) - 8.0))
 }
 
 /// Opens a file that [`is_one`].
 pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError> {
-    let wrong = |field, expected: &str, met: String| ScopeError::Layout { file: path.to_owned(), kind: KIND, field, expected: expected.to_owned(), met };
+    let wrong = |field, expected: &str, met: String| ScopeError::Layout {
+        file: path.to_owned(),
+        kind: KIND,
+        field,
+        expected: expected.to_owned(),
+        met,
+    };
     let Some((fields, data)) = fields(bytes) else { return Err(wrong("version", "2, 3 or 4", bytes.u32(0).to_string())) };
     let (rate_hz, samples) = (value(bytes, fields.rate), bytes.u32(fields.length) as usize);
     if !(rate_hz > 0.0 && rate_hz.is_finite()) {
@@ -93,11 +99,11 @@ pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError
             code_max: if bits == 8 { half - 1 } else { half },
             code_step: 1,
         };
-        let at = data + (channels.len() * samples * form.bytes()) as u64;
+        let at = data + channels.len() as u64 * (samples * form.bytes()) as u64;
         channels.push(Layout { at, stride: form.bytes(), form, scale: Some(scale), lsb_v: None, level_v: 0.0 });
         names.push(format!("C{}", number + 1));
     }
-    let end = data + (channels.len() * samples * form.bytes()) as u64;
+    let end = data + channels.len() as u64 * (samples * form.bytes()) as u64;
     if samples == 0 || end > bytes.length {
         let expected = format!("{} channels of {samples} samples, {end} bytes", channels.len());
         return Err(wrong("data", &expected, format!("{} bytes", bytes.length)));

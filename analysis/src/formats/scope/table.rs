@@ -47,7 +47,9 @@ pub(super) fn open(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, 
         }
     }
     let row_error = |line: usize, expected: String, met: String| ScopeError::Row { file: path.to_owned(), line, expected, met };
-    let Some(first) = first else { return Err(row_error(header.line, format!("a row of numbers within {HEADER} lines"), "none".to_owned())) };
+    let Some(first) = first else {
+        return Err(row_error(header.line, format!("a row of numbers within {HEADER} lines"), "none".to_owned()));
+    };
     let timed = header.names.first().is_some_and(|name| TIMES.contains(&name.to_lowercase().as_str()));
     let counted = header.names.first().is_some_and(|name| name.eq_ignore_ascii_case("x") || name.eq_ignore_ascii_case("sequence"));
     let skip = usize::from(timed || counted);
@@ -65,11 +67,14 @@ pub(super) fn open(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, 
             continue;
         }
         let row = numbers(&line).filter(|row| row.len() == width);
-        let Some(row) = row else { return Err(row_error(number, format!("{width} numbers"), format!("{:?}", line.chars().take(60).collect::<String>()))) };
+        let Some(row) = row else {
+            return Err(row_error(number, format!("{width} numbers"), format!("{:?}", line.chars().take(60).collect::<String>())));
+        };
         spill.row(&row).map_err(io("write a temporary file"))?;
     }
     let told = spill.interval_s().filter(|_| timed);
-    let Some(interval_s) = header.interval_s.or(told).or(interval_s).filter(|interval_s| *interval_s > 0.0 && interval_s.is_finite()) else {
+    let Some(interval_s) = header.interval_s.or(told).or(interval_s).filter(|interval_s| *interval_s > 0.0 && interval_s.is_finite())
+    else {
         let expected = "the time between two samples, in the header or a column of times; or given as `interval`".to_owned();
         return Err(row_error(header.line, expected, "none".to_owned()));
     };
@@ -83,7 +88,12 @@ pub(super) fn open(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, 
 fn numbers(line: &str) -> Option<Vec<f64>> {
     let line = line.trim().trim_end_matches([',', ';']);
     let separator = [',', ';', '\t'].into_iter().find(|separator| line.contains(*separator)).unwrap_or(' ');
-    let fields: Option<Vec<f64>> = line.split(separator).map(str::trim).filter(|field| separator != ' ' || !field.is_empty()).map(|field| field.parse().ok()).collect();
+    let fields: Option<Vec<f64>> = line
+        .split(separator)
+        .map(str::trim)
+        .filter(|field| separator != ' ' || !field.is_empty())
+        .map(|field| field.parse().ok())
+        .collect();
     fields.filter(|fields| !fields.is_empty() && fields.iter().all(|value: &f64| value.is_finite()))
 }
 

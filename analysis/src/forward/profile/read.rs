@@ -46,7 +46,11 @@ impl Profile {
         Self::parse((path, &stem), text.trim_start_matches('\u{feff}'), options)
     }
 
-    fn parse((path, name): (&Path, &str), text: &str, options: &ReadOptions) -> Result<Self, ProfileError> {
+    /// Reads a profile from the text of a file; `path` is for complaints.
+    ///
+    /// # Errors
+    /// [`ProfileError`] with file and line.
+    pub fn parse((path, name): (&Path, &str), text: &str, options: &ReadOptions) -> Result<Self, ProfileError> {
         let bad = |line: usize, expected: &str, met: &str| ProfileError::Line {
             file: path.to_owned(),
             line,

@@ -80,7 +80,8 @@ pub(super) fn replay(path: &Path, out: Option<&Path>) -> Result<(), Failure> {
             .iter()
             .map(|file| open_scope(&source.relative(file), interval_s).map_err(|error| complain(error.to_string())))
             .collect::<Result<_, _>>()?;
-        let (point, remark) = impedance(&records, (current, voltage), (capture.frequency.si, typed.mains.map(|mains| mains.si))).map_err(complain)?;
+        let (point, remark) =
+            impedance(&records, (current, voltage), (capture.frequency.si, typed.mains.map(|mains| mains.si))).map_err(complain)?;
         tell(&point, &remark);
         points.push(point);
     }
@@ -167,7 +168,8 @@ fn impedance(
             first.samples, first.interval_s, other.samples, other.interval_s
         ));
     }
-    let all: Vec<Channel<'_>> = records.iter().flat_map(|record| (0..record.names.len()).filter_map(|index| record.channel(index))).collect();
+    let all: Vec<Channel<'_>> =
+        records.iter().flat_map(|record| (0..record.names.len()).filter_map(|index| record.channel(index))).collect();
     let wanted: Vec<usize> = [Some(current.plus), current.minus, Some(voltage.plus), voltage.minus].into_iter().flatten().collect();
     let missing = |index: &&usize| **index >= all.len();
     if let Some(index) = wanted.iter().find(missing) {
@@ -189,7 +191,12 @@ fn impedance(
         })
     };
     // Amperes in the place of the shunt's volts: one ohm.
-    let four = [of(current.minus, current.factor), of(Some(current.plus), current.factor), of(voltage.minus, voltage.factor), of(Some(voltage.plus), voltage.factor)];
+    let four = [
+        of(current.minus, current.factor),
+        of(Some(current.plus), current.factor),
+        of(voltage.minus, voltage.factor),
+        of(Some(voltage.plus), voltage.factor),
+    ];
     let phasors = ChannelPhasors { freq_hz: fit.freq_hz, volts: four.map(|one| one.0), variance: four.map(|one| one.1) };
     let clipped = fit.channels.iter().map(|channel| channel.clipped_samples as f64 / fit.samples as f64).fold(0.0, f64::max);
     let mut notes: Vec<String> = fit.notes.iter().map(ToString::to_string).collect();

@@ -6,7 +6,7 @@ use instruments::{
     mock::plant::Fixture,
 };
 
-use super::{Measured, Past, gathered::Gathered, multisine, safe, sweeping::Settled};
+use super::{Measured, Past, gathered::Gathered, multisine, play::safe, sweeping::Settled};
 use crate::{
     bench::Bench,
     command::Failure,

@@ -4,7 +4,7 @@ use std::{path::Path, sync::Arc};
 
 use instruments::clock::{self, TimeMode};
 
-use super::{FINISHED, Run};
+use super::{FINISHED, play::Run};
 use crate::{
     bench::Bench,
     command::Failure,
@@ -33,11 +33,17 @@ pub(super) fn fingerprints(plan: &Plan) -> Vec<String> {
 }
 
 impl Past {
-    /// Reads a run folder: the experiment as it was, and how far it came.
+    /// Reads a run folder: the experiment as it was, and how far it came. `bench` is asked whether the bench may be used, before it is decided where to
+    /// go on.
     ///
     /// # Errors
-    /// A run that is finished; a folder, a configuration or a program that is not what it was; a step that moved a charge that nobody knows.
-    pub(crate) fn read(folder: &Path, accept_charge: bool) -> Result<(Experiment, Self), Failure> {
+    /// A run that is finished; a folder, a configuration or a program that is not what it was; what `bench` says; a step that moved a charge that
+    /// nobody knows.
+    pub(crate) fn read(
+        folder: &Path,
+        accept_charge: bool,
+        bench: impl FnOnce(&Experiment) -> Result<(), Failure>,
+    ) -> Result<(Experiment, Self), Failure> {
         let read = journal::read(folder).map_err(|error| Failure::Usage(error.to_string()))?;
         let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
         let story = Story::of(&read.lines)
@@ -46,6 +52,7 @@ impl Past {
             return Err(usage("expected a run that was interrupted, found one that is finished".to_owned()));
         }
         let experiment = begun_experiment(folder, &story.started)?;
+        bench(&experiment)?;
         let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
         same_plan(&story.started, plan.plan()).map_err(usage)?;
         let index = std::fs::read_to_string(folder.join("traces.json")).unwrap_or_default();

@@ -1,0 +1,80 @@
+//! Who asks, and whether they may. An argument of a handler: without the scope that it names, the handler is not reached.
+
+use std::sync::{Arc, OnceLock};
+
+use axum::{
+    extract::FromRequestParts,
+    http::{StatusCode, header, request::Parts},
+};
+
+use super::{App, guard::Peer, problem::Refusal};
+use crate::serve::token::{Scope, Token, TokenError};
+
+/// Who asks where no token exists at all: anybody on this machine.
+const LOCAL: &str = "local";
+
+/// Somebody with the scope number `SCOPE` of [`Scope::ALL`].
+#[derive(Debug, Clone)]
+pub struct With<const SCOPE: usize> {
+    /// Their name.
+    pub name: String,
+    /// What they may do.
+    pub scopes: Vec<Scope>,
+    /// The token that was shown.
+    pub secret: Option<String>,
+}
+
+/// May look, and stop.
+pub type Reader = With<0>;
+/// May operate.
+pub type Operator = With<1>;
+/// May let current flow.
+pub type Energiser = With<2>;
+/// May clear a latch.
+pub type Clearer = With<3>;
+
+/// The name of who asked, for the audit trail, as soon as it is known.
+#[derive(Debug, Clone, Default)]
+pub struct Named(pub Arc<OnceLock<String>>);
+
+impl<const SCOPE: usize> FromRequestParts<App> for With<SCOPE> {
+    type Rejection = Refusal;
+
+    async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Refusal> {
+        let scope = Scope::ALL[SCOPE];
+        let token = who(parts, app)?;
+        if let Some(named) = parts.extensions.get::<Named>() {
+            let _ = named.0.set(token.0.name.clone());
+        }
+        let (Token { name, scopes, .. }, secret) = token;
+        if !scopes.contains(&scope) {
+            let has = scopes.iter().map(|scope| scope.name()).collect::<Vec<_>>().join(", ");
+            let message = format!("expected a token with the scope `{}`, found one with: {has}", scope.name());
+            return Err(Refusal::of(StatusCode::FORBIDDEN, message));
+        }
+        Ok(Self { name, scopes, secret })
+    }
+}
+
+/// The token of a request; everybody's where none was ever made.
+fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
+    let unavailable = |error: TokenError| Refusal::machine(&error);
+    if app.server.tokens.all().map_err(unavailable)?.is_empty() {
+        let local = Token { name: LOCAL.to_owned(), scopes: Scope::ALL.to_vec(), sha256: String::new(), made_unix_s: 0 };
+        return Ok((local, None));
+    }
+    let header = parts.headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
+    let Some(secret) = header.and_then(|value| value.split_once(' ')).filter(|(kind, _)| kind.eq_ignore_ascii_case("bearer")) else {
+        return Err(Refusal::of(StatusCode::UNAUTHORIZED, "expected a header `Authorization: Bearer TOKEN`, found none"));
+    };
+    let secret = secret.1.trim();
+    match app.server.tokens.whose(secret).map_err(unavailable)? {
+        Some(token) => Ok((token, Some(secret.to_owned()))),
+        None => {
+            if let Some(Peer(peer)) = parts.extensions.get::<Peer>() {
+                app.guesses.take(*peer, app.server.clock.now_s());
+            }
+            Err(Refusal::of(StatusCode::UNAUTHORIZED, "expected a token of this server, found another one"))
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! From a socket to the routes: so many at once, encrypted where there is a certificate, and none that takes its time – neither for the head of a
+//! request nor for taking what it is sent.
+
+use std::{
+    future::Future,
+    io,
+    net::SocketAddr,
+    pin::Pin,
+    sync::{Arc, atomic::Ordering},
+    task::{Context, Poll, ready},
+    time::Duration,
+};
+
+use axum::{Router, extract::Request};
+use hyper::{body::Incoming, server::conn::http1, service::service_fn};
+use hyper_util::{
+    rt::{TokioIo, TokioTimer},
+    service::TowerToHyperService,
+};
+use instruments::clock::Clock;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer, pem::PemObject};
+use tokio::{
+    io::{AsyncRead, AsyncWrite, ReadBuf},
+    net::{TcpListener, TcpStream},
+    sync::Semaphore,
+};
+use tokio_rustls::TlsAcceptor;
+
+use super::{App, guard::Peer, router};
+use crate::{command::Failure, serve::Server};
+
+/// Longest head of a request, bytes.
+const HEAD_BYTES: usize = 16 * 1024;
+/// Pause after a socket that could not be accepted, s: out of files, most likely.
+const BREATH_S: f64 = 0.1;
+
+/// Where a server listens.
+pub struct Listener {
+    socket: TcpListener,
+    tls: Option<TlsAcceptor>,
+    address: SocketAddr,
+}
+
+impl Listener {
+    /// Begins to listen.
+    ///
+    /// # Errors
+    /// An address that is taken; a certificate or key that cannot be used.
+    pub async fn bind(server: &Server) -> Result<Self, Failure> {
+        let listen = server.settings.listen;
+        let tls = server.settings.tls.as_ref().map(|(certificate, key)| acceptor(certificate, key)).transpose()?;
+        let socket = TcpListener::bind(listen).await.map_err(|error| Failure::Usage(format!("cannot listen on {listen}: {error}")))?;
+        let address = socket.local_addr()?;
+        Ok(Self { socket, tls, address })
+    }
+
+    /// Where a browser finds it.
+    pub fn url(&self) -> String {
+        format!("{}://{}", if self.tls.is_some() { "https" } else { "http" }, self.address)
+    }
+
+    /// Serves whoever comes, for ever.
+    pub async fn accept(&self, server: &Arc<Server>) {
+        let app = App::of(server);
+        let router = router(&app);
+        let places = Arc::new(Semaphore::new(server.settings.limits.connections));
+        loop {
+            let Ok((socket, peer)) = self.socket.accept().await else {
+                server.clock.sleep_s(BREATH_S).await;
+                continue;
+            };
+            // One too many is let go of at once.
+            let Ok(place) = places.clone().try_acquire_owned() else { continue };
+            let (server, router, tls) = (server.clone(), router.clone(), self.tls.clone());
+            tokio::spawn(async move {
+                server.counts.connections.fetch_add(1, Ordering::Relaxed);
+                serve(&server, router, (socket, peer), tls).await;
+                server.counts.connections.fetch_sub(1, Ordering::Relaxed);
+                drop(place);
+            });
+        }
+    }
+}
+
+async fn serve(server: &Server, router: Router, (socket, peer): (TcpStream, SocketAddr), tls: Option<TlsAcceptor>) {
+    let _ = socket.set_nodelay(true);
+    let patience = Duration::from_secs_f64(server.settings.limits.patience_s);
+    match tls {
+        None => requests(&server.clock, router, (socket, peer), patience).await,
+        Some(tls) => {
+            if let Ok(Ok(stream)) = server.clock.deadline(patience, tls.accept(socket)).await {
+                requests(&server.clock, router, (stream, peer), patience).await;
+            }
+        }
+    }
+}
+
+async fn requests<S>(clock: &Clock, router: Router, (stream, peer): (S, SocketAddr), patience: Duration)
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
+    let service = TowerToHyperService::new(router);
+    let service = service_fn(move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(Peer(peer.ip()));
+        hyper::service::Service::call(&service, request)
+    });
+    let stream = Patient { stream, clock: clock.clone(), patience, waits: None };
+    // However a connection ends is its peer's business.
+    let _ = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(patience)
+        .max_buf_size(HEAD_BYTES)
+        .serve_connection(TokioIo::new(stream), service)
+        .await;
+}
+
+/// The certificate chain and the key.
+fn acceptor(certificate: &std::path::Path, key: &std::path::Path) -> Result<TlsAcceptor, Failure> {
+    let usage = |path: &std::path::Path, error: &dyn std::fmt::Display| {
+        Failure::Usage(format!("{}: expected PEM for TLS: {error}", path.display()))
+    };
+    let chain = CertificateDer::pem_file_iter(certificate)
+        .and_then(Iterator::collect::<Result<Vec<_>, _>>)
+        .map_err(|error| usage(certificate, &error))?;
+    let key_der = PrivateKeyDer::from_pem_file(key).map_err(|error| usage(key, &error))?;
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let config = rustls::ServerConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, key_der))
+        .map_err(|error| usage(certificate, &error))?;
+    Ok(TlsAcceptor::from(Arc::new(config)))
+}
+
+/// A stream that gives up a peer which does not take what it is sent.
+struct Patient<S> {
+    stream: S,
+    clock: Clock,
+    patience: Duration,
+    waits: Option<Pin<Box<dyn Future<Output = ()> + Send>>>,
+}
+
+impl<S> Patient<S> {
+    fn judge<T>(&mut self, context: &mut Context<'_>, sent: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
+        if sent.is_ready() {
+            self.waits = None;
+            return sent;
+        }
+        let (clock, patience) = (self.clock.clone(), self.patience);
+        let waits = self.waits.get_or_insert_with(|| Box::pin(async move { clock.sleep(patience).await }));
+        ready!(waits.as_mut().poll(context));
+        Poll::Ready(Err(io::ErrorKind::TimedOut.into()))
+    }
+}
+
+impl<S: AsyncRead + Unpin> AsyncRead for Patient<S> {
+    fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_read(context, buffer)
+    }
+}
+
+impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
+    fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        let sent = Pin::new(&mut self.stream).poll_write(context, bytes);
+        self.judge(context, sent)
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        let sent = Pin::new(&mut self.stream).poll_flush(context);
+        self.judge(context, sent)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        let sent = Pin::new(&mut self.stream).poll_shutdown(context);
+        self.judge(context, sent)
+    }
+}

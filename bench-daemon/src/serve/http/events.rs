@@ -1,0 +1,115 @@
+//! Everything that changes, as server-sent events. Each listener reads the one store of events at its own pace: nothing is kept for it, and one that is
+//! too slow is told that it has missed something and goes on with what is there.
+
+use std::{
+    convert::Infallible,
+    fmt::Write,
+    sync::{Arc, atomic::Ordering},
+};
+
+use axum::{
+    body::{Body, Bytes},
+    extract::{Query, State},
+    http::{HeaderMap, header},
+    response::{IntoResponse, Response},
+};
+use futures_util::stream;
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use super::{App, caller::Reader};
+use crate::serve::Server;
+
+/// So long nothing is sent at most, s.
+const HEARTBEAT_S: f64 = 15.0;
+
+/// Where a listener goes on.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct From {
+    /// The last event that came, for who cannot set the header `Last-Event-ID`.
+    last_event_id: Option<String>,
+}
+
+struct Listener {
+    server: Arc<Server>,
+    wake: tokio::sync::watch::Receiver<u64>,
+    number: u64,
+    greeting: Option<&'static str>,
+    secret: Option<String>,
+}
+
+impl Drop for Listener {
+    fn drop(&mut self) {
+        self.server.counts.listeners.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Everything that changes: `live` (a bench), `spectrum`, `run`, `queue`, `stop`; first `hello`, and `lost` where some were missed: then ask for the
+/// present state. With the header `Last-Event-ID` it goes on behind that event.
+#[utoipa::path(get, path = "/api/v1/events", tag = "events", params(From, ("Last-Event-ID" = Option<String>, Header)),
+    responses((status = 200, body = String, content_type = "text/event-stream")), security(("token" = ["read"])))]
+pub async fn events(caller: Reader, State(app): State<App>, Query(from): Query<From>, headers: HeaderMap) -> Response {
+    let server = app.server;
+    let last = headers.get("last-event-id").and_then(|value| value.to_str().ok().map(str::to_owned)).or(from.last_event_id);
+    let known = last.as_deref().map(|id| server.hub.number(id));
+    let (number, greeting) = match known {
+        None => (server.hub.latest(), "hello"),
+        Some(Some(number)) => (number, "hello"),
+        // Of an earlier server, or of nobody.
+        Some(None) => (server.hub.latest(), "lost"),
+    };
+    server.counts.listeners.fetch_add(1, Ordering::Relaxed);
+    let listener = Listener { wake: server.hub.wake(), server, number, greeting: Some(greeting), secret: caller.secret };
+    let body = Body::from_stream(stream::unfold(listener, next));
+    ([(header::CONTENT_TYPE, "text/event-stream"), (header::CACHE_CONTROL, "no-store")], body).into_response()
+}
+
+async fn next(mut listener: Listener) -> Option<(Result<Bytes, Infallible>, Listener)> {
+    loop {
+        // A wake between this look and the wait is not missed.
+        listener.wake.mark_unchanged();
+        let text = listener.text();
+        if !text.is_empty() {
+            return Some((Ok(Bytes::from(text)), listener));
+        }
+        if listener.server.hub.closed() {
+            return None;
+        }
+        let clock = listener.server.clock.clone();
+        tokio::select! {
+            _ = listener.wake.changed() => {}
+            () = clock.sleep_s(HEARTBEAT_S) => {
+                if !listener.welcome() {
+                    return None;
+                }
+                return Some((Ok(Bytes::from_static(b": still here\n\n")), listener));
+            }
+        }
+    }
+}
+
+impl Listener {
+    /// What is new, in the words of the protocol.
+    fn text(&mut self) -> String {
+        let mut text = String::new();
+        if let Some(greeting) = self.greeting.take() {
+            let _ = write!(text, "id: {}\nevent: {greeting}\ndata: {{}}\n\n", self.server.hub.id(self.number));
+        }
+        let told = self.server.hub.after(self.number);
+        if told.lost {
+            self.server.counts.lagged.fetch_add(1, Ordering::Relaxed);
+            text.push_str("event: lost\ndata: {}\n\n");
+        }
+        for event in &told.events {
+            let _ = write!(text, "id: {}\nevent: {}\ndata: {}\n\n", self.server.hub.id(event.number), event.kind, event.data);
+            self.number = event.number;
+        }
+        text
+    }
+
+    /// A token that was revoked ends the stream.
+    fn welcome(&self) -> bool {
+        self.secret.as_ref().is_none_or(|secret| matches!(self.server.tokens.whose(secret), Ok(Some(_))))
+    }
+}

@@ -1,0 +1,86 @@
+//! The server over HTTP: the routes, and the way from a socket to them.
+
+pub mod benches;
+pub mod caller;
+mod connection;
+pub mod events;
+pub mod guard;
+pub mod metrics;
+pub mod openapi;
+mod page;
+pub mod problem;
+pub mod queue;
+pub mod runs;
+
+use std::sync::Arc;
+
+use axum::{
+    Router, middleware,
+    routing::{delete, get, post},
+};
+
+pub use connection::Listener;
+
+use super::Server;
+use guard::Rate;
+
+/// What every handler gets.
+#[derive(Clone)]
+pub struct App {
+    /// The server.
+    pub server: Arc<Server>,
+    /// Requests by peer.
+    pub rate: Arc<Rate>,
+    /// Wrong tokens by peer.
+    pub guesses: Arc<Rate>,
+}
+
+impl App {
+    /// The handlers' share of a server.
+    pub fn of(server: &Arc<Server>) -> Self {
+        let limits = server.settings.limits;
+        let (rate, guesses) = (Rate::new(limits.requests_per_s, limits.burst), Rate::new(guard::GUESSES.0, guard::GUESSES.1));
+        Self { server: server.clone(), rate: Arc::new(rate), guesses: Arc::new(guesses) }
+    }
+}
+
+/// All routes.
+pub fn router(app: &App) -> Router {
+    let api = Router::new()
+        .route("/openapi.json", get(openapi::document))
+        .route("/whoami", get(benches::whoami))
+        .route("/benches", get(benches::list))
+        .route("/benches/{bench}", get(benches::detail))
+        .route("/benches/{bench}/instruments", get(benches::instruments))
+        .route("/benches/{bench}/identify", post(benches::identify))
+        .route("/benches/{bench}/stop", post(benches::stop))
+        .route("/benches/{bench}/trips", get(benches::trips))
+        .route("/benches/{bench}/trips/clear", post(benches::clear))
+        .route("/benches/{bench}/hold", post(queue::hold))
+        .route("/benches/{bench}/release", post(queue::release))
+        .route("/experiments", get(queue::experiments))
+        .route("/experiments/{experiment}/plan", get(queue::plan))
+        .route("/queue", get(queue::list).post(queue::submit))
+        .route("/queue/order", post(queue::reorder))
+        .route("/queue/{id}", delete(queue::cancel))
+        .route("/runs", get(runs::list))
+        .route("/runs/{run}", get(runs::detail))
+        .route("/runs/{run}/spectra", get(runs::spectra))
+        .route("/runs/{run}/fits", get(runs::fits))
+        .route("/runs/{run}/readings", get(runs::readings))
+        .route("/runs/{run}/log", get(runs::log))
+        .route("/runs/{run}/files", get(runs::files))
+        .route("/runs/{run}/files/{*path}", get(runs::file))
+        .route("/runs/{run}/pause", post(runs::pause))
+        .route("/runs/{run}/go-on", post(runs::go_on))
+        .route("/runs/{run}/order", post(runs::order))
+        .route("/runs/{run}/resume", post(runs::resume))
+        .route("/audit", get(benches::audit))
+        .route("/events", get(events::events));
+    Router::new()
+        .nest("/api/v1", api)
+        .route("/metrics", get(metrics::metrics))
+        .merge(page::routes())
+        .layer(middleware::from_fn_with_state(app.clone(), guard::guard))
+        .with_state(app.clone())
+}

@@ -1,0 +1,76 @@
+//! The OpenAPI document, made from the handlers.
+
+use axum::Json;
+use utoipa::{
+    Modify, OpenApi,
+    openapi::{
+        Content, Ref, RefOr, ResponseBuilder,
+        path::Operation,
+        security::{Http, HttpAuthScheme, SecurityScheme},
+    },
+};
+
+use super::{benches, events, metrics, problem, queue, runs};
+
+#[derive(OpenApi)]
+#[openapi(
+    info(title = "eis-bench", description = "A battery test bench: queue, runs, live state, trips."),
+    paths(
+        document, benches::whoami, benches::list, benches::detail, benches::instruments, benches::identify, benches::stop, benches::trips,
+        benches::clear, benches::audit, queue::list, queue::experiments, queue::plan, queue::submit, queue::cancel, queue::reorder, queue::hold,
+        queue::release, runs::list, runs::detail, runs::spectra, runs::fits, runs::readings, runs::log, runs::files, runs::file, runs::pause,
+        runs::go_on, runs::order, runs::resume, events::events, metrics::metrics
+    ),
+    components(schemas(problem::Problem)),
+    modifiers(&Common)
+)]
+struct Document;
+
+/// What holds for all of them: how a token is shown, and how a request is refused.
+struct Common;
+
+/// Refusals that any request may meet, and those of requests with a token.
+const REFUSALS: [(&str, &str); 8] = [
+    ("400", "The path, the query or the body is not as expected."),
+    ("403", "Another host or origin is meant, or the token lacks the scope."),
+    ("404", "There is no such thing."),
+    ("408", "The body took too long."),
+    ("413", "The body is too large."),
+    ("415", "The body is no JSON."),
+    ("422", "The body is JSON, but not what is expected."),
+    ("429", "Too many requests."),
+];
+const WITH_TOKEN: [(&str, &str); 3] =
+    [("401", "No token, or one of nobody."), ("409", "Not as things are."), ("503", "The machine does not let it.")];
+
+impl Modify for Common {
+    fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
+        let components = document.components.get_or_insert_default();
+        let scheme = Http::builder().scheme(HttpAuthScheme::Bearer).description(Some("`eis-bench token add` makes one.")).build();
+        components.add_security_scheme("token", SecurityScheme::Http(scheme));
+        for item in document.paths.paths.values_mut() {
+            [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten().for_each(refusals);
+        }
+    }
+}
+
+fn refusals(operation: &mut Operation) {
+    let with_token = operation.security.is_some();
+    let more = WITH_TOKEN.iter().filter(|_| with_token);
+    for (status, description) in REFUSALS.iter().chain(more) {
+        let content = Content::new(Some(RefOr::<utoipa::openapi::Schema>::Ref(Ref::from_schema_name("Problem"))));
+        let response = ResponseBuilder::new().description(*description).content("application/json", content).build();
+        operation.responses.responses.entry((*status).to_owned()).or_insert_with(|| response.into());
+    }
+}
+
+/// The document itself.
+pub fn openapi() -> utoipa::openapi::OpenApi {
+    Document::openapi()
+}
+
+/// This document.
+#[utoipa::path(get, path = "/api/v1/openapi.json", tag = "access", responses((status = 200, body = serde_json::Value)))]
+pub async fn document() -> Json<utoipa::openapi::OpenApi> {
+    Json(openapi())
+}

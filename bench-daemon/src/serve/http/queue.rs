@@ -1,0 +1,255 @@
+//! The queue, and what can be put into it.
+
+use axum::{
+    Json,
+    extract::{Path, Query, State},
+    http::StatusCode,
+};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use utoipa::{IntoParams, ToSchema};
+
+use super::{
+    App,
+    benches::known,
+    caller::{Energiser, Operator, Reader},
+    problem::Refusal,
+};
+use crate::{
+    procedure,
+    serve::{
+        Server,
+        queue::{Item, Kind, QueueError, Wanted},
+        submission::{self, Refused, Submission},
+    },
+};
+use instruments::clock;
+
+/// The queue as it is now.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct QueueNow {
+    /// What is in work and what waits, in order.
+    items: Vec<Item>,
+    /// Benches on which nothing is begun, and why.
+    held: BTreeMap<String, String>,
+}
+
+impl QueueNow {
+    /// That of a server.
+    pub fn of(server: &Server) -> Self {
+        let queue = server.queue();
+        let held = |bench: &crate::config::Bench| queue.held(&bench.name).map(|why| (bench.name.clone(), why.to_owned()));
+        Self { items: queue.items().to_vec(), held: server.settings.benches.iter().filter_map(held).collect() }
+    }
+}
+
+/// What is to be run.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Submit {
+    /// Name of an experiment of this server; left out where `text` is there.
+    experiment: Option<String>,
+    /// An experiment file in full (TOML), as if it lay among those of this server.
+    text: Option<String>,
+    /// Another bench than the experiment names.
+    bench: Option<String>,
+    /// Another seed.
+    seed: Option<u32>,
+}
+
+/// Numbers of places, in the order that is wanted.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Order {
+    /// These come first; the others follow as they were.
+    ids: Vec<u64>,
+}
+
+/// Why something is held.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Why {
+    /// In words.
+    why: String,
+}
+
+/// An experiment that can be submitted.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Offered {
+    /// Its name.
+    experiment: String,
+}
+
+/// What an experiment would do.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Planned {
+    /// Name of the experiment.
+    experiment: String,
+    /// Name of the bench.
+    bench: String,
+    /// Expected duration, bench s.
+    expected_s: f64,
+    /// Longest possible duration, bench s.
+    longest_s: f64,
+    /// Its stages.
+    stages: Vec<PlannedStage>,
+}
+
+/// A stage of a plan.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct PlannedStage {
+    /// What it is for.
+    purpose: String,
+    /// Its steps, in words.
+    steps: Vec<String>,
+    /// Expected duration, bench s.
+    expected_s: f64,
+}
+
+/// Which bench.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct On {
+    /// Another bench than the experiment names.
+    bench: Option<String>,
+}
+
+impl From<QueueError> for Refusal {
+    fn from(error: QueueError) -> Self {
+        match error {
+            QueueError::Unknown(_) => Self::of(StatusCode::NOT_FOUND, error.to_string()),
+            QueueError::InWork(_) | QueueError::Full => Self::conflict(error.to_string()),
+            QueueError::Twice(_) => Self::of(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
+            QueueError::Io { .. } => Self::machine(&error),
+        }
+    }
+}
+
+impl From<Refused> for Refusal {
+    fn from(refused: Refused) -> Self {
+        match refused {
+            Refused::Unknown(_) => Self::of(StatusCode::NOT_FOUND, refused.to_string()),
+            Refused::Unfit(_) => Self::of(StatusCode::UNPROCESSABLE_ENTITY, refused.to_string()),
+            Refused::Kept(_) => Self::machine(&refused),
+        }
+    }
+}
+
+/// Files are read and parsed meanwhile: not on a thread that serves others.
+async fn aside<T: Send + 'static>(work: impl FnOnce() -> Result<T, Refusal> + Send + 'static) -> Result<T, Refusal> {
+    tokio::task::spawn_blocking(work).await.map_err(|error| Refusal::machine(&error))?
+}
+
+/// What is in work and what waits.
+#[utoipa::path(get, path = "/api/v1/queue", tag = "queue", responses((status = 200, body = QueueNow)), security(("token" = ["read"])))]
+pub async fn list(_caller: Reader, State(app): State<App>) -> Json<QueueNow> {
+    Json(QueueNow::of(&app.server))
+}
+
+/// Experiments that can be submitted by name.
+#[utoipa::path(get, path = "/api/v1/experiments", tag = "queue", responses((status = 200, body = [Offered])), security(("token" = ["read"])))]
+pub async fn experiments(_caller: Reader, State(app): State<App>) -> Json<Vec<Offered>> {
+    Json(submission::experiments(&app.server.settings).into_iter().map(|experiment| Offered { experiment }).collect())
+}
+
+/// What an experiment would do, step by step. Touches nothing.
+#[utoipa::path(get, path = "/api/v1/experiments/{experiment}/plan", tag = "queue", params(("experiment" = String, Path), On),
+    responses((status = 200, body = Planned)), security(("token" = ["read"])))]
+pub async fn plan(
+    _caller: Reader,
+    State(app): State<App>,
+    Path(name): Path<String>,
+    Query(on): Query<On>,
+) -> Result<Json<Planned>, Refusal> {
+    aside(move || {
+        let submission = Submission::new(&app.server.settings, (&name, None), on.bench.as_deref())?;
+        let plan = procedure::plan(&submission.experiment);
+        let stages = plan.stages.iter().map(|stage| PlannedStage {
+            purpose: stage.purpose.to_string(),
+            steps: stage.steps.iter().map(ToString::to_string).collect(),
+            expected_s: stage.steps.iter().map(crate::plan::Step::expected_s).sum(),
+        });
+        let (experiment, bench) = (submission.experiment.name.clone(), submission.experiment.bench.name.clone());
+        let (expected_s, longest_s) = (submission.expected_s, submission.longest_s);
+        Ok(Json(Planned { experiment, bench, expected_s, longest_s, stages: stages.collect() }))
+    })
+    .await
+}
+
+/// Puts an experiment at the end of the queue, once it is checked. It begins by itself when its bench is free: that lets current flow.
+#[utoipa::path(post, path = "/api/v1/queue", tag = "queue", request_body = Submit, responses((status = 201, body = Item)),
+    security(("token" = ["energise"])))]
+pub async fn submit(caller: Energiser, State(app): State<App>, Json(submit): Json<Submit>) -> Result<(StatusCode, Json<Item>), Refusal> {
+    aside(move || {
+        let (name, text) = match (&submit.experiment, &submit.text) {
+            (Some(name), None) => (name.as_str(), None),
+            (None, Some(text)) => ("submitted", Some(text.as_str())),
+            _ => return Err(Refusal::of(StatusCode::UNPROCESSABLE_ENTITY, "expected either `experiment` or `text`")),
+        };
+        let server = &app.server;
+        let submission = Submission::new(&server.settings, (name, text), submit.bench.as_deref())?;
+        let experiment = &submission.experiment;
+        let wanted = Wanted {
+            kind: Kind::Run,
+            experiment: experiment.name.clone(),
+            bench: experiment.bench.name.clone(),
+            seed: submit.seed.map(u64::from),
+            expected_s: submission.expected_s,
+            by: caller.name,
+            unix_s: clock::unix_time_s(),
+        };
+        // What is to be run is there before the queue names it.
+        let mut queue = server.queue();
+        let run = format!("{}-{}", experiment.name, queue.next_id());
+        submission.freeze(&server.settings.data.join("submitted").join(&run))?;
+        let item = queue.submit(&wanted, |_| run)?;
+        drop(queue);
+        server.tell_queue();
+        Ok((StatusCode::CREATED, Json(item)))
+    })
+    .await
+}
+
+/// Takes a place that waits out of the queue.
+#[utoipa::path(delete, path = "/api/v1/queue/{id}", tag = "queue", params(("id" = u64, Path)), responses((status = 200, body = Item)),
+    security(("token" = ["operate"])))]
+pub async fn cancel(_caller: Operator, State(app): State<App>, Path(id): Path<u64>) -> Result<Json<Item>, Refusal> {
+    let item = app.server.queue().cancel(id)?;
+    app.server.tell_queue();
+    Ok(Json(item))
+}
+
+/// Says what comes first.
+#[utoipa::path(post, path = "/api/v1/queue/order", tag = "queue", request_body = Order, responses((status = 200, body = QueueNow)),
+    security(("token" = ["operate"])))]
+pub async fn reorder(_caller: Operator, State(app): State<App>, Json(order): Json<Order>) -> Result<Json<QueueNow>, Refusal> {
+    app.server.queue().reorder(&order.ids)?;
+    app.server.tell_queue();
+    Ok(Json(QueueNow::of(&app.server)))
+}
+
+/// From now on nothing is begun on a bench; what is in work goes on.
+#[utoipa::path(post, path = "/api/v1/benches/{bench}/hold", tag = "queue", params(("bench" = String, Path)), request_body = Why,
+    responses((status = 200, body = QueueNow)), security(("token" = ["operate"])))]
+pub async fn hold(
+    caller: Operator,
+    State(app): State<App>,
+    Path(bench): Path<String>,
+    Json(why): Json<Why>,
+) -> Result<Json<QueueNow>, Refusal> {
+    known(&app, &bench)?;
+    let why: String = why.why.chars().filter(|c| !c.is_control()).take(200).collect();
+    app.server.queue().hold(&bench, &format!("{why} ({})", caller.name))?;
+    app.server.tell_queue();
+    Ok(Json(QueueNow::of(&app.server)))
+}
+
+/// What waits for a bench may be begun again: that lets current flow.
+#[utoipa::path(post, path = "/api/v1/benches/{bench}/release", tag = "queue", params(("bench" = String, Path)),
+    responses((status = 200, body = QueueNow)), security(("token" = ["energise"])))]
+pub async fn release(_caller: Energiser, State(app): State<App>, Path(bench): Path<String>) -> Result<Json<QueueNow>, Refusal> {
+    known(&app, &bench)?;
+    app.server.queue().release(&bench)?;
+    app.server.tell_queue();
+    Ok(Json(QueueNow::of(&app.server)))
+}

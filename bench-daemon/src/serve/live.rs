@@ -1,0 +1,239 @@
+//! A bench as it is now, in the words of the API.
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::{interlock::Limits, state::Latched};
+
+/// A bench as it is now.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+pub struct Live {
+    /// Its name.
+    pub bench: String,
+    /// What it does.
+    pub state: BenchState,
+    /// Why nothing is begun on it; none where nothing holds it.
+    pub held: Option<String>,
+    /// The run in work, or the last one.
+    pub run: Option<RunNow>,
+    /// The last reading of that run.
+    pub reading: Option<ReadingNow>,
+    /// State of charge, where the cell's open-circuit voltage is known.
+    pub soc: Option<Soc>,
+    /// What the reading may be, with the margin left.
+    pub limits: Vec<Limit>,
+    /// The instruments.
+    pub instruments: Vec<InstrumentNow>,
+    /// Why it is latched, if it is.
+    pub trip: Option<TripNow>,
+    /// What the last stop has shown.
+    pub stop: Option<StopReport>,
+}
+
+/// What a bench does.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum BenchState {
+    /// Nothing.
+    #[default]
+    Idle,
+    /// A run is in work.
+    Running,
+    /// A run waits on request, every output off.
+    Paused,
+    /// It is being switched off.
+    Stopping,
+    /// A person has to look at it and to clear it.
+    Latched,
+}
+
+/// A run as it is now.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct RunNow {
+    /// Its name; none for one that was not begun by this server.
+    pub run: Option<String>,
+    /// Name of the experiment.
+    pub experiment: String,
+    /// It goes on.
+    pub going: bool,
+    /// How it ended, if it did by itself.
+    pub ended: Option<String>,
+    /// The stage in work, in words.
+    pub stage: String,
+    /// Its number, from 1; 0 before the first.
+    pub stage_number: usize,
+    /// How many there are.
+    pub stages: usize,
+    /// The step in work, in words.
+    pub step: String,
+    /// Its number, from 1.
+    pub step_number: usize,
+    /// How many steps the stage has.
+    pub steps: usize,
+    /// The sweep's point in work.
+    pub point: Option<PointNow>,
+    /// Points that are finished, of all sweeps.
+    pub points_done: usize,
+    /// How many there are.
+    pub points: usize,
+    /// Share that is done, by expected bench time.
+    pub done: f64,
+    /// Time left, s on the wall; none where nobody knows.
+    pub left_s: Option<f64>,
+    /// Bench time of the last entry or reading, s.
+    pub bench_time_s: f64,
+    /// How bench time runs: `real`, `virtual` or `scaled:FACTOR`.
+    pub time: String,
+    /// Everything was off and read back at the last entry of the journal.
+    pub safe: bool,
+}
+
+/// A point in work.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct PointNow {
+    /// Its number in the sweep, from 1.
+    pub number: usize,
+    /// How many there are.
+    pub of: usize,
+    /// Its frequency, Hz.
+    pub freq_hz: f64,
+}
+
+/// A reading.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct ReadingNow {
+    /// Bench time, s.
+    pub time_s: f64,
+    /// What was being done.
+    pub phase: String,
+    /// What was in the jig: `cell` or a control.
+    pub fixture: String,
+    /// Voltage, V.
+    pub voltage_v: Option<f64>,
+    /// Current, A; positive for charge.
+    pub current_a: Option<f64>,
+    /// Surface temperature of the cell when it was read last, °C.
+    pub temperature_c: Option<f64>,
+}
+
+/// A state of charge.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct Soc {
+    /// Share of the capacity.
+    pub share: f64,
+    /// Charge counted since it was found from the voltage at rest, C; positive for charge.
+    pub counted_c: f64,
+}
+
+/// One limit.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Limit {
+    /// The quantity.
+    pub quantity: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// What was read last.
+    pub value: Option<f64>,
+    /// Lower limit; none where there is none.
+    pub least: Option<f64>,
+    /// Upper limit.
+    pub greatest: f64,
+    /// Distance to the nearer of them; negative beyond it.
+    pub margin: Option<f64>,
+}
+
+/// An instrument.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+pub struct InstrumentNow {
+    /// Its role.
+    pub role: String,
+    /// Its model in the bench file.
+    pub model: String,
+    /// Where it is reached.
+    pub address: String,
+    /// What it says of itself, when it was asked last.
+    pub identity: Option<String>,
+    /// Whether that is the configured model.
+    pub recognised: Option<bool>,
+    /// Whether its output is on, by its own word; none for an instrument without one or before it was asked.
+    pub output: Option<bool>,
+    /// Bench time of that word, s.
+    pub output_s: Option<f64>,
+    /// Bench time of its last answer, s.
+    pub answered_s: Option<f64>,
+    /// What is wrong with it, as far as is known.
+    pub trouble: Option<String>,
+}
+
+/// Why a bench is latched.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct TripNow {
+    /// In words, with the step and the run.
+    pub cause: String,
+    /// What left its limits, where it was a reading.
+    pub quantity: Option<String>,
+    /// Its value.
+    pub value: Option<f64>,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// The step in work.
+    pub step: Option<String>,
+    /// Which process found it.
+    pub by: String,
+    /// When, s since 1970.
+    pub unix_s: f64,
+}
+
+impl From<Latched> for TripNow {
+    fn from(latched: Latched) -> Self {
+        // The folder of the run is nobody's business beyond this machine.
+        let Latched { cause, quantity, value, unit, step, by, unix_s, .. } = latched;
+        Self { cause, quantity, value, unit, step, by, unix_s }
+    }
+}
+
+/// What a stop has shown.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+pub struct StopReport {
+    /// The bench.
+    pub bench: String,
+    /// Who stopped it.
+    pub by: String,
+    /// When, s since 1970.
+    pub unix_s: f64,
+    /// It is over.
+    pub over: bool,
+    /// Every output that can move charge was read back as off.
+    pub verified: bool,
+    /// What was done, in words, in order.
+    pub steps: Vec<String>,
+    /// What was read back, a line for each instrument.
+    pub outputs: Vec<OutputRead>,
+}
+
+/// What was read back of an instrument.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct OutputRead {
+    /// Its role.
+    pub role: String,
+    /// It is off, by its own word.
+    pub off: bool,
+    /// The line in full.
+    pub text: String,
+}
+
+/// The limits of a cell, or of a control in its place, with the margin that a reading leaves.
+pub fn limits(limits: &Limits, cell: bool, reading: &ReadingNow) -> Vec<Limit> {
+    let limits = if cell { *limits } else { limits.of_control() };
+    let row = |quantity, unit, value: Option<f64>, least: f64, greatest: f64| {
+        let least = Some(least).filter(|least| least.is_finite());
+        let margin = value.map(|value| least.map_or(greatest - value, |least| (value - least).min(greatest - value)));
+        Limit { quantity, unit, value, least, greatest, margin }
+    };
+    let voltage = if cell { "cell voltage" } else { "voltage across the control" };
+    vec![
+        row(voltage, "V", reading.voltage_v, limits.min_v, limits.max_v),
+        row("current", "A", reading.current_a, -limits.discharge_a, limits.charge_a),
+        row("cell temperature", "°C", reading.temperature_c, limits.min_c, limits.max_c),
+    ]
+}

@@ -1,0 +1,292 @@
+// The page: what it knows, what it asks for, and what the keys do.
+"use strict";
+
+import { Refused, file, get, listen, post, remove, server, useToken } from "./server.js";
+import { $, drawInstruments, drawNow, drawRun, drawStop, drawTrip, duration, el, text, when } from "./bench.js";
+import { MARKS, bode, make, mark, nyquist } from "./plots.js";
+
+const known = { benches: new Map(), bench: "", scopes: [], queue: { items: [], held: {} }, runs: [], spectra: new Map(), chosen: [], failing: 0 };
+
+const may = (scope) => known.scopes.includes(scope);
+const live = () => known.benches.get(known.bench);
+
+function say(words, bad) {
+  $("said").hidden = !words;
+  $("said").className = `banner ${bad ? "bad" : "note"}`;
+  text($("said"), words || "");
+}
+
+// Does something that the server may refuse, and says so.
+async function attempt(work, done) {
+  try {
+    const result = await work();
+    say(done ? done(result) : "");
+    return result;
+  } catch (error) {
+    say(error instanceof Refused ? `Refused: ${error.message}` : `Not reached: ${error.message}`, true);
+    return null;
+  }
+}
+
+// ---- the stop ------------------------------------------------------------------------------------------------------------------------------------
+
+async function stop() {
+  const bench = known.bench;
+  const button = $("stop");
+  button.classList.add("pressed");
+  for (let tries = 1; ; tries += 1) {
+    text(button, tries === 1 ? "■ STOPPING …" : `■ NOT REACHED, TRY ${tries} …`);
+    try {
+      const report = await post(`/benches/${bench}/stop`);
+      stopped(report);
+      break;
+    } catch (error) {
+      say(`The stop has not reached the server (${error.message}). It is tried again. Use the emergency switch, or on the machine: eis-bench safe`, true);
+      if (error instanceof Refused && error.status < 500 && error.status !== 429) break;
+      await new Promise((done) => setTimeout(done, 1000));
+    }
+  }
+  button.classList.remove("pressed");
+  text(button, "■ STOP");
+}
+
+function stopped(report) {
+  if (report.bench !== known.bench || $("stopped").dataset.gone === String(report.unix_s)) return;
+  drawStop(report);
+}
+
+let escaped = 0;
+document.addEventListener("keydown", (event) => {
+  if (!$("stopbar") || $("stopbar").hidden || event.repeat) return;
+  const typing = /^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName);
+  if (event.key === "Escape") {
+    const again = event.timeStamp - escaped < 1500;
+    escaped = again ? 0 : event.timeStamp;
+    if (again) stop();
+    else say("Esc once more within 1.5 s stops the bench.");
+  } else if (event.key === "S" && event.shiftKey && !event.ctrlKey && !event.altKey && !event.metaKey && !typing) {
+    stop();
+  }
+});
+
+// ---- spectra -------------------------------------------------------------------------------------------------------------------------------------
+
+async function load(run) {
+  const found = await get(`/runs/${run}/spectra`);
+  known.spectra.set(run, new Map(found.map((one) => [one.name, one])));
+}
+
+// Of a run its corrected spectra, or, while it has none, the sweep that grows.
+function shown(run) {
+  const all = [...(known.spectra.get(run) || new Map()).values()];
+  const corrected = all.filter((one) => one.corrected);
+  return corrected.length ? corrected : all;
+}
+
+function curves() {
+  const runs = known.chosen.length ? known.chosen : [live() && live().run && live().run.run].filter(Boolean);
+  const found = [];
+  for (const run of runs) for (const one of shown(run)) found.push({ name: runs.length > 1 ? `${run}: ${one.name}` : one.name, points: one.points, corrected: one.corrected });
+  return found.slice(0, 12).map((one, index) => ({ ...one, index }));
+}
+
+function drawSpectra() {
+  const found = curves();
+  nyquist($("nyquist"), found);
+  bode($("bode"), found);
+  $("legend").replaceChildren(...found.map((one) => {
+    const sample = make("svg", { viewBox: "0 0 34 14", class: `sample curve c${one.index % MARKS.length}`, "aria-hidden": "true" },
+      make("polyline", { points: "1,7 33,7" }), mark(MARKS[one.index % MARKS.length], 17, 7, 4));
+    sample.lastChild.classList.add("mark");
+    return el("span", {}, sample, ` ${one.name} (${one.points.length} points${one.corrected ? "" : ", as read"})`);
+  }));
+  const head = ["Spectrum", "f / Hz", "Re Z / mΩ", "Im Z / mΩ", "±σ Re / µΩ"];
+  const cell = (value, digits) => el("td", {}, value === null ? "–" : value.toPrecision(digits));
+  $("points").replaceChildren(el("table", {}, el("thead", {}, el("tr", {}, ...head.map((name) => el("th", { scope: "col" }, name)))),
+    el("tbody", {}, ...found.flatMap((one) => one.points.map((p) => el("tr", {}, el("td", {}, one.name), cell(p.freq_hz, 5), cell(1e3 * p.re_ohm, 6),
+      cell(1e3 * p.im_ohm, 5), cell(p.re_sigma_ohm === null ? null : 1e6 * p.re_sigma_ohm, 3)))))));
+}
+
+// ---- queue and history ---------------------------------------------------------------------------------------------------------------------------
+
+function drawQueue() {
+  const items = known.queue.items;
+  const waiting = items.filter((item) => !item.process);
+  const move = (item) => post("/queue/order", { ids: [item.id] });
+  $("items").replaceChildren(...(items.length ? items : [null]).map((item) => {
+    if (!item) return el("li", { class: "quiet" }, "Empty.");
+    const words = `${item.run} on ${item.bench}, ${item.kind === "resume" ? "to go on, " : ""}about ${duration(item.expected_s)} of bench time, by ${item.by}`;
+    const cancel = !item.process && may("operate") ? el("button", { type: "button", onclick: () => attempt(() => remove(`/queue/${item.id}`), () => `${item.run} was taken out.`) }, "Take out") : null;
+    const first = cancel && waiting[0] !== item ? el("button", { type: "button", onclick: () => attempt(() => move(item)) }, "First") : null;
+    return el("li", {}, item.process ? el("b", {}, "▶ in work: ") : "", words, " ", first, cancel);
+  }));
+  const why = known.queue.held[known.bench];
+  $("held").hidden = !why;
+  if (why) {
+    const release = may("energise") ? el("button", { type: "button", onclick: () => attempt(() => post(`/benches/${known.bench}/release`), () => "The queue goes on.") }, "Let the queue go on") : null;
+    $("held").replaceChildren(`❚❚ Nothing is begun on ${known.bench}: ${why}. `, release || "");
+  }
+}
+
+function drawHistory() {
+  const row = (job) => {
+    const run = job.item.run;
+    const how = !job.ended ? "▶ in work" : job.ended.finished ? "✓ finished" : `✕ ${job.ended.how}`;
+    const box = el("input", { type: "checkbox", "aria-label": `Compare ${run}`, checked: known.chosen.includes(run), onchange: (event) => compare(run, event.target.checked) });
+    const acts = [];
+    if (job.ended && job.ended.finished) acts.push(el("button", { type: "button", onclick: () => keep(run, "report.html") }, "Report"));
+    if (job.ended && !job.ended.finished && may("energise")) acts.push(el("button", { type: "button", onclick: () => attempt(() => post(`/runs/${run}/resume`), () => `${run} waits to go on.`) }, "Go on"));
+    return el("tr", {}, el("td", {}, box), el("th", { scope: "row" }, run), el("td", {}, job.item.bench), el("td", {}, when(job.item.submitted_unix_s)), el("td", {}, job.item.by), el("td", {}, how), el("td", {}, ...acts));
+  };
+  $("runs").replaceChildren(...known.runs.slice(0, 100).map(row));
+}
+
+async function compare(run, on) {
+  known.chosen = known.chosen.filter((one) => one !== run);
+  if (on) known.chosen.push(run);
+  if (on && !known.spectra.has(run)) await attempt(() => load(run));
+  drawSpectra();
+}
+
+// A file of a run, saved by the browser: it never becomes a page of this server.
+async function keep(run, path) {
+  const blob = await attempt(() => file(`/runs/${run}/files/${path}`));
+  if (!blob) return;
+  const link = el("a", { href: URL.createObjectURL(blob), download: `${run}-${path}` });
+  document.body.append(link);
+  link.click();
+  link.remove();
+}
+
+function drawActs() {
+  const run = live() && live().run;
+  const acts = [];
+  if (run && run.going && run.run && run.time !== "virtual") {
+    if (live().state === "paused" && may("energise")) acts.push(el("button", { type: "button", onclick: () => attempt(() => post(`/runs/${run.run}/go-on`), (r) => r.said) }, "Go on"));
+    else if (live().state === "running" && may("operate")) acts.push(el("button", { type: "button", onclick: () => attempt(() => post(`/runs/${run.run}/pause`), (r) => r.said) }, "Pause at the next point"));
+  }
+  const key = acts.map((act) => act.textContent).join();
+  if ($("runacts").dataset.key !== key) $("runacts").replaceChildren(...acts);
+  $("runacts").dataset.key = key;
+}
+
+// ---- the whole -----------------------------------------------------------------------------------------------------------------------------------
+
+function draw() {
+  const now = live();
+  if (!now) return;
+  document.title = `${now.state === "latched" ? "▲ " : now.state === "running" ? "▶ " : ""}${now.bench} – eis-bench`;
+  drawNow(now);
+  drawRun(now, $("runbody"));
+  drawActs();
+  drawInstruments(now);
+  drawTrip(now, (one) => attempt(() => post(`/benches/${one.bench}/trips/clear`, { cause: one.trip.cause }), () => `${one.bench} is cleared.`));
+  if (now.stop) stopped(now.stop);
+  $("identify").hidden = !may("operate");
+  $("submit").hidden = !may("energise");
+}
+
+async function refresh() {
+  const [benches, queue, runs, offered] = await Promise.all([get("/benches"), get("/queue"), get("/runs"), get("/experiments")]);
+  known.benches = new Map(benches.map((one) => [one.bench, one]));
+  if (!known.benches.has(known.bench)) known.bench = (benches.find((one) => one.run && one.run.going) || benches[0]).bench;
+  [known.queue, known.runs] = [queue, runs];
+  $("bench").replaceChildren(...benches.map((one) => el("option", { selected: one.bench === known.bench }, one.bench)));
+  $("choose").hidden = benches.length < 2;
+  const before = $("experiment").value;
+  $("experiment").replaceChildren(...offered.map((one) => el("option", { selected: one.experiment === before }, one.experiment)));
+  known.spectra.clear();
+  const wanted = new Set(known.chosen);
+  if (live().run && live().run.run) wanted.add(live().run.run);
+  await Promise.all([...wanted].map((run) => load(run).catch(() => {})));
+  draw();
+  drawQueue();
+  drawHistory();
+  drawSpectra();
+}
+
+function heard(kind, data) {
+  if (kind === "hello" || kind === "lost") attempt(refresh);
+  if (kind === "live") {
+    const before = known.benches.get(data.bench);
+    known.benches.set(data.bench, data);
+    if (data.bench === known.bench) draw();
+    if (data.bench === known.bench && before && (before.run && before.run.run) !== (data.run && data.run.run)) drawSpectra();
+  }
+  if (kind === "stop") stopped(data);
+  if (kind === "queue") {
+    known.queue = data;
+    drawQueue();
+  }
+  if (kind === "run") {
+    known.runs = [data, ...known.runs.filter((job) => job.item.run !== data.item.run)];
+    drawHistory();
+  }
+  if (kind === "spectrum" && data.run) {
+    if (!known.spectra.has(data.run)) known.spectra.set(data.run, new Map());
+    known.spectra.get(data.run).set(data.spectrum.name, data.spectrum);
+    drawSpectra();
+  }
+}
+
+function link(state) {
+  const words = { up: "● connected", down: "○ connection lost: what is shown is old", refused: "✕ the token is refused" };
+  text($("link"), words[state]);
+  $("link").className = `chip ${state}`;
+  document.body.classList.toggle("stale", state !== "up");
+  if (state === "refused") login("The token is not known to this server.");
+}
+
+function login(words) {
+  $("login").hidden = false;
+  $("main").hidden = true;
+  text($("loginsaid"), words || "");
+  $("token").focus();
+}
+
+async function begin() {
+  try {
+    const who = await get("/whoami");
+    known.scopes = who.scopes;
+    $("leave").hidden = !server.token;
+  } catch (error) {
+    if (error instanceof Refused && (error.status === 401 || error.status === 403)) return login(server.token ? error.message : "");
+    text($("link"), "○ not reached, trying again");
+    setTimeout(begin, 1000);
+    return;
+  }
+  $("login").hidden = true;
+  $("main").hidden = false;
+  $("stopbar").hidden = false;
+  listen(heard, link);
+}
+
+$("stop").addEventListener("click", stop);
+$("leave").addEventListener("click", () => { useToken(""); location.reload(); });
+$("bench").addEventListener("change", async () => {
+  known.bench = $("bench").value;
+  $("stopped").hidden = true;
+  await attempt(refresh);
+});
+$("login").addEventListener("submit", (event) => {
+  event.preventDefault();
+  useToken($("token").value.trim());
+  $("token").value = "";
+  begin();
+});
+$("identify").addEventListener("click", () => attempt(() => post(`/benches/${known.bench}/identify`), (found) => found.trouble || `${found.answers.length} instruments answered.`));
+$("submit").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const body = { experiment: $("experiment").value, bench: known.bench };
+  if ($("seed").value !== "") body.seed = Number($("seed").value);
+  attempt(() => post("/queue", body), (item) => `${item.run} is in the queue.`);
+});
+$("showplan").addEventListener("click", async () => {
+  const plan = await attempt(() => get(`/experiments/${$("experiment").value}/plan?bench=${known.bench}`));
+  $("plan").hidden = !plan;
+  if (!plan) return;
+  const stages = plan.stages.map((stage) => el("li", {}, `${stage.purpose}, about ${duration(stage.expected_s)}`, el("ol", {}, ...stage.steps.map((step) => el("li", {}, step)))));
+  $("plan").replaceChildren(el("p", {}, `${plan.experiment} on ${plan.bench}: about ${duration(plan.expected_s)} of bench time, at most ${duration(plan.longest_s)}.`), el("ol", {}, ...stages));
+});
+
+begin();

@@ -1,0 +1,148 @@
+// A bench as it is now, drawn into the page. Nothing here speaks with the server.
+"use strict";
+
+export const $ = (id) => document.getElementById(id);
+
+export function el(name, attributes, ...children) {
+  const node = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes || {})) {
+    if (key.startsWith("on")) node.addEventListener(key.slice(2), value);
+    else if (value === true) node.setAttribute(key, "");
+    else if (value !== false && value !== null && value !== undefined) node.setAttribute(key, value);
+  }
+  node.append(...children.filter((child) => child !== null && child !== undefined));
+  return node;
+}
+
+// Only what has changed is written, so that a reader that speaks is not made to repeat itself.
+export function text(node, value) {
+  if (node.textContent !== value) node.textContent = value;
+}
+
+export function duration(seconds) {
+  if (seconds === null || seconds === undefined) return "unknown";
+  const s = Math.round(seconds);
+  if (s < 60) return `${s} s`;
+  if (s < 3600) return `${Math.floor(s / 60)} min ${String(s % 60).padStart(2, "0")} s`;
+  return `${Math.floor(s / 3600)} h ${String(Math.floor((s % 3600) / 60)).padStart(2, "0")} min`;
+}
+
+export const when = (unix_s) => (unix_s ? new Date(1e3 * unix_s).toLocaleString() : "–");
+
+const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
+
+const STATES = {
+  idle: ["○", "Idle: nothing runs"],
+  running: ["▶", "Running: current may flow"],
+  paused: ["❚❚", "Paused: every output off"],
+  stopping: ["■", "Stopping …"],
+  latched: ["▲", "Latched: a person has to look"],
+};
+
+export function drawNow(live) {
+  const [sign, words] = STATES[live.state] || ["?", live.state];
+  $("state").className = `state ${live.state}`;
+  text($("state"), `${sign} ${words}`);
+  const reading = live.reading;
+  const going = live.run && live.run.going;
+  const soc = live.soc ? `${(100 * live.soc.share).toFixed(1)} %` : "–";
+  const control = reading && reading.fixture !== "cell";
+  figures($("reading"), [
+    [control ? `Voltage (${reading.fixture})` : "Cell voltage", fixed(reading && reading.voltage_v, 4), "V"],
+    ["Current", fixed(reading && reading.current_a, 3), "A", reading && reading.current_a > 0.05 ? "charge" : reading && reading.current_a < -0.05 ? "discharge" : ""],
+    ["Cell temperature", fixed(reading && reading.temperature_c, 2), "°C"],
+    ["State of charge", soc, "", live.soc ? "from the voltage at rest" : "not known yet"],
+  ], reading && !going ? "last reading" : "");
+  $("limits").replaceChildren(...live.limits.map((limit) => bar(limit, going)));
+}
+
+function figures(list, rows, remark) {
+  list.replaceChildren(...rows.map(([name, value, unit, more]) =>
+    el("div", {}, el("dt", {}, name), el("dd", {}, el("b", {}, value), unit && value !== "–" ? ` ${unit}` : "", el("small", {}, more || remark || "")))));
+}
+
+// Where a value lies between its limits, with the margin in words.
+function bar(limit) {
+  const { quantity, unit, value, least, greatest, margin } = limit;
+  const low = least === null ? Math.min(0, value ?? 0) : least;
+  const digits = unit === "V" ? 3 : 1;
+  const range = `${least === null ? "…" : fixed(least, digits)} to ${fixed(greatest, digits)} ${unit}`;
+  const share = margin === null ? 1 : margin / ((greatest - low) / 2);
+  const level = margin !== null && margin < 0 ? "bad" : share < 0.1 ? "near" : "fine";
+  const words = margin === null ? "no reading" : margin < 0 ? `▲ beyond by ${fixed(-margin, digits)} ${unit}` : `${level === "near" ? "▲ only " : ""}${fixed(margin, digits)} ${unit} left`;
+  const at = value === null ? null : Math.max(0, Math.min(100, (100 * (value - low)) / (greatest - low)));
+  const meter = el("div", { class: `meter ${level}`, role: "img", "aria-label": `${quantity}: ${words} of ${range}` });
+  if (at !== null) {
+    const needle = el("i", {});
+    needle.style.setProperty("left", `${at}%`);
+    meter.append(needle);
+  }
+  return el("div", { class: "limit" }, el("span", {}, quantity), meter, el("span", { class: level }, words), el("small", {}, range));
+}
+
+export function drawRun(live, body) {
+  const run = live.run;
+  if (!run) {
+    body.replaceChildren(el("p", { class: "quiet" }, "No run yet. Submit an experiment below."));
+    return;
+  }
+  const point = run.point ? `point ${run.point.number} of ${run.point.of}, ${Number(run.point.freq_hz.toPrecision(4))} Hz` : "";
+  const ended = run.going ? null : run.ended === "finished" ? "✓ finished" : `✕ ${run.ended || "its process ended without a word"}`;
+  const percent = Math.round(100 * run.done);
+  const progress = el("progress", { max: 100, value: percent, "aria-label": "share of the plan that is done" });
+  const rows = [
+    ["Experiment", `${run.experiment}${run.run ? ` (${run.run})` : ""}`],
+    ["Stage", run.stage_number ? `${run.stage_number} of ${run.stages}: ${run.stage}` : "beginning"],
+    ["Step", run.step_number && run.going ? `${run.step_number} of ${run.steps}: ${run.step.replace(/\s+/g, " ")}` : "–"],
+    ["Point in work", run.going && point ? point : "–"],
+    ["Points", `${run.points_done} of ${run.points} finished`],
+    ["Time left", run.going ? (run.left_s === null ? "unknown" : `about ${duration(run.left_s)}`) : "–"],
+  ];
+  body.replaceChildren(
+    el("div", { class: "progress" }, progress, el("b", {}, `${percent} %`)),
+    el("dl", { class: "facts" }, ...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)])),
+    ...(ended ? [el("p", { class: run.ended === "finished" ? "good" : "bad" }, ended)] : []),
+  );
+}
+
+export function drawInstruments(live) {
+  const now = live.run ? live.run.bench_time_s : 0;
+  const going = live.run && live.run.going;
+  $("instrumentrows").replaceChildren(...live.instruments.map((one) => {
+    const output = one.output === true ? el("b", { class: "on" }, "● ON") : one.output === false ? el("span", { class: "off" }, "○ off") : "–";
+    const age = one.answered_s === null ? "–" : going ? `${duration(Math.max(0, now - one.answered_s))} ago` : "not connected";
+    const who = one.identity ? `${one.model}${one.recognised === false ? " ✕ another model answers" : ""}` : `${one.model} (not asked yet)`;
+    return el("tr", { class: one.trouble ? "trouble" : "" }, el("th", { scope: "row" }, one.role), el("td", {}, output),
+      el("td", { title: one.identity || "" }, who, el("small", {}, one.address)), el("td", {}, one.trouble ? `▲ ${one.trouble}` : age));
+  }));
+}
+
+export function drawTrip(live, clear) {
+  const banner = $("trip");
+  banner.hidden = !live.trip;
+  if (!live.trip) return;
+  const key = `${live.bench} ${live.trip.unix_s}`;
+  if (banner.dataset.key === key) return;
+  banner.dataset.key = key;
+  banner.replaceChildren(
+    el("strong", {}, `▲ ${live.bench} is latched. `),
+    `${live.trip.cause}${live.trip.step ? `, in step “${live.trip.step}”` : ""}. Found by the ${live.trip.by}, ${when(live.trip.unix_s)}. Look at the bench and at the cell. `,
+    el("button", { type: "button", onclick: () => clear(live) }, "I have looked: clear"),
+  );
+}
+
+export function drawStop(report) {
+  const banner = $("stopped");
+  banner.hidden = !report;
+  if (!report) return;
+  const head = !report.over ? "■ Stopping …" : report.verified ? "✓ Stopped: every output is off, read back." : "▲ STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.";
+  const key = `${report.unix_s} ${report.over} ${report.steps.length}`;
+  if (banner.dataset.key === key) return;
+  banner.dataset.key = key;
+  banner.className = `banner ${!report.over ? "note" : report.verified ? "fine" : "bad"}`;
+  banner.replaceChildren(
+    el("strong", {}, head), ` By ${report.by}, ${when(report.unix_s)}.`,
+    el("ul", {}, ...report.steps.map((step) => el("li", {}, step)), ...report.outputs.map((output) => el("li", { class: output.off ? "" : "bad" }, `${output.off ? "○" : "▲"} ${output.text}`))),
+    ...(report.over ? [el("button", { type: "button", onclick: () => { banner.hidden = true; banner.dataset.gone = String(report.unix_s); } }, "Close this message")] : []),
+  );
+}

@@ -1,0 +1,92 @@
+// Speaking with the server: requests with the token, and the stream of events, which comes back by itself where it was cut off.
+"use strict";
+
+export const server = { token: sessionStorage.getItem("token") || "", lastId: "" };
+
+export class Refused extends Error {
+  constructor(status, problem) {
+    super(problem.message || `status ${status}`);
+    this.status = status;
+    this.code = problem.code;
+  }
+}
+
+export function useToken(token) {
+  server.token = token;
+  if (token) sessionStorage.setItem("token", token);
+  else sessionStorage.removeItem("token");
+}
+
+function headers(more) {
+  return server.token ? { Authorization: `Bearer ${server.token}`, ...more } : { ...more };
+}
+
+async function asked(method, path, body) {
+  const init = { method, headers: headers(body === undefined ? {} : { "Content-Type": "application/json" }) };
+  if (body !== undefined) init.body = JSON.stringify(body);
+  const response = await fetch(`/api/v1${path}`, init);
+  if (!response.ok) throw new Refused(response.status, await response.json().catch(() => ({})));
+  return response;
+}
+
+export const get = async (path) => (await asked("GET", path)).json();
+export const post = async (path, body) => (await asked("POST", path, body)).json();
+export const remove = async (path) => (await asked("DELETE", path)).json();
+export const file = async (path) => (await asked("GET", path)).blob();
+
+// Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. Ends only when the token is refused.
+export async function listen(on, link) {
+  for (let pause = 500; ; pause = Math.min(pause * 2, 8000)) {
+    try {
+      const more = { Accept: "text/event-stream" };
+      if (server.lastId) more["Last-Event-ID"] = server.lastId;
+      const response = await fetch("/api/v1/events", { headers: headers(more) });
+      if (response.status === 401 || response.status === 403) return link("refused");
+      if (!response.ok) throw new Error(`status ${response.status}`);
+      link("up");
+      pause = 250;
+      await read(response.body.getReader(), on);
+    } catch {
+      // Told below, and tried again.
+    }
+    link("down");
+    await new Promise((done) => setTimeout(done, pause));
+  }
+}
+
+// Whoever hears nothing for so long is no longer connected, whatever the system says: the server speaks every 15 s.
+const SILENCE_MS = 40000;
+
+async function read(reader, on) {
+  const decoder = new TextDecoder();
+  let text = "";
+  for (;;) {
+    let timer;
+    const silence = new Promise((_, fail) => { timer = setTimeout(() => fail(new Error("silence")), SILENCE_MS); });
+    let part;
+    try {
+      part = await Promise.race([reader.read(), silence]);
+    } catch (error) {
+      reader.cancel().catch(() => {});
+      throw error;
+    } finally {
+      clearTimeout(timer);
+    }
+    if (part.done) return;
+    text += decoder.decode(part.value, { stream: true });
+    const blocks = text.split("\n\n");
+    text = blocks.pop();
+    blocks.forEach((block) => dispatch(block, on));
+  }
+}
+
+function dispatch(block, on) {
+  let kind = "message";
+  let data = "";
+  for (const line of block.split("\n")) {
+    if (line.startsWith("id: ")) server.lastId = line.slice(4);
+    else if (line.startsWith("event: ")) kind = line.slice(7);
+    else if (line.startsWith("data: ")) data += line.slice(6);
+  }
+  if (data) on(kind, JSON.parse(data));
+}

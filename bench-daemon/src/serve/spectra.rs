@@ -1,0 +1,89 @@
+//! Spectra and fits of a run folder, as the API shows them. A sweep in work shows the points that it has.
+
+use std::{collections::BTreeMap, os::unix::fs::MetadataExt, path::Path};
+
+use analysis::{dataset::read_spectrum_csv, spectrum::ImpedancePoint};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::beneath;
+
+/// A spectrum.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Spectrum {
+    /// Its name: the file without its ending.
+    pub name: String,
+    /// The harness is taken off it; else it is as read.
+    pub corrected: bool,
+    /// In the order of their frequencies.
+    pub points: Vec<Point>,
+}
+
+/// A point of a spectrum.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct Point {
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// Real part, Ω.
+    pub re_ohm: f64,
+    /// Imaginary part, Ω; negative for a capacitive one.
+    pub im_ohm: f64,
+    /// Standard uncertainty of the real part, Ω; none where it is not known.
+    pub re_sigma_ohm: Option<f64>,
+    /// Standard uncertainty of the imaginary part, Ω.
+    pub im_sigma_ohm: Option<f64>,
+}
+
+impl From<&ImpedancePoint> for Point {
+    fn from(point: &ImpedancePoint) -> Self {
+        let sigma = |variance: f64| Some(variance.sqrt()).filter(|sigma| sigma.is_finite());
+        Self {
+            freq_hz: point.freq_hz,
+            re_ohm: point.z_ohm.re,
+            im_ohm: point.z_ohm.im,
+            re_sigma_ohm: sigma(point.covariance.re_re),
+            im_sigma_ohm: sigma(point.covariance.im_im),
+        }
+    }
+}
+
+/// Files of spectra with their stamps.
+pub type Stamps = BTreeMap<String, (u64, i64, i64, u64)>;
+
+/// Which spectra a run folder has, and which state they are in: cheap to ask often.
+pub fn stamps(run: &Path) -> Stamps {
+    let stamp = |file: &str| {
+        let meta = std::fs::symlink_metadata(run.join(file)).ok().filter(std::fs::Metadata::is_file)?;
+        Some((file.to_owned(), (meta.len(), meta.mtime(), meta.mtime_nsec(), meta.ino())))
+    };
+    let below = |folder: &str| {
+        let entries = std::fs::read_dir(run.join(folder)).into_iter().flatten().flatten();
+        entries.filter_map(|entry| entry.file_name().into_string().ok()).collect::<Vec<_>>()
+    };
+    let root = below("").into_iter().filter(|name| name.starts_with("spectrum") || name.starts_with("raw_"));
+    let more = below("spectra").into_iter().map(|name| format!("spectra/{name}"));
+    let csv = |name: &String| name.ends_with(".csv") && !name.contains("/.") && !name.starts_with('.');
+    root.chain(more).filter(csv).filter_map(|file| stamp(&file)).collect()
+}
+
+/// Reads one; nothing where it cannot be read now.
+pub fn read(run: &Path, file: &str) -> Option<Spectrum> {
+    beneath::open(run, file)?;
+    let mut points: Vec<Point> = read_spectrum_csv(&run.join(file)).ok()?.iter().map(Point::from).collect();
+    points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
+    let name = file.trim_end_matches(".csv").to_owned();
+    Some(Spectrum { corrected: !name.contains("raw_"), name, points })
+}
+
+/// Fitted models of a run folder, as their files hold them.
+pub fn fits(run: &Path) -> Vec<(String, serde_json::Value)> {
+    let entries = std::fs::read_dir(run).into_iter().flatten().flatten();
+    let mut names: Vec<String> = entries.filter_map(|entry| entry.file_name().into_string().ok()).collect();
+    names.retain(|name| name.starts_with("model") && name.ends_with(".json"));
+    names.sort();
+    let read = |name: String| {
+        let value = serde_json::from_reader(beneath::open(run, &name)?).ok()?;
+        Some((name.trim_end_matches(".json").to_owned(), value))
+    };
+    names.into_iter().filter_map(read).collect()
+}

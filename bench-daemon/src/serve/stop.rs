@@ -1,0 +1,152 @@
+//! The stop: whatever runs on a bench ends now, and what the outputs say afterwards is read back. Two ways lead there, one behind the other: the run is
+//! asked to end in safe state, as Ctrl-C asks it; then, whether it has or not, `eis-bench safe` switches off over connections of its own and reads back.
+
+use std::{path::PathBuf, process::Stdio, sync::Arc, time::Duration};
+
+use instruments::clock;
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::Pid,
+};
+
+use super::{
+    Server,
+    live::{OutputRead, StopReport},
+    locks,
+};
+use crate::{
+    config,
+    journal::JOURNAL,
+    state::{Holder, State},
+    wishes::{Course, Wishes},
+};
+
+/// `eis-bench safe` is waited for so long: it tries each instrument several times.
+const SAFE: Duration = Duration::from_secs(90);
+/// Time between two looks whether the run has ended, s.
+const LOOK_S: f64 = 0.1;
+
+/// Stops a bench. Whoever asks while it is being stopped gets the outcome of that.
+pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: &str) -> StopReport {
+    let mut report = StopReport { bench: bench.name.clone(), by: by.to_owned(), unix_s: clock::unix_time_s(), ..StopReport::default() };
+    let joined = {
+        let mut stops = server.stops();
+        let under_way = stops.get(&bench.name).is_some_and(|stop| !stop.over);
+        if !under_way {
+            stops.insert(bench.name.clone(), report.clone());
+        }
+        under_way
+    };
+    if joined {
+        return outcome(server, &bench.name).await;
+    }
+    server.hub.tell("stop", &report);
+    // Nothing else is begun behind it.
+    if let Err(error) = server.queue().hold(&bench.name, &format!("stopped by {by}")) {
+        tracing::error!("{error}");
+    }
+    let gone = end_run(server, bench, &mut report).await;
+    switch_off(server, bench, gone, &mut report).await;
+    report.over = true;
+    server.stops().insert(bench.name.clone(), report.clone());
+    server.hub.tell("stop", &report);
+    server.tell_queue();
+    report
+}
+
+async fn outcome(server: &Arc<Server>, bench: &str) -> StopReport {
+    loop {
+        if let Some(report) = server.stops().get(bench).filter(|stop| stop.over) {
+            return report.clone();
+        }
+        server.clock.sleep_s(LOOK_S).await;
+    }
+}
+
+fn tell(server: &Server, report: &mut StopReport, step: String) {
+    report.steps.push(step);
+    server.stops().insert(report.bench.clone(), report.clone());
+    server.hub.tell("stop", report);
+}
+
+/// Asks the run to end and waits for it; tells whether nothing runs any more.
+async fn end_run(server: &Server, bench: &config::Bench, report: &mut StopReport) -> bool {
+    let Some((pid, folder)) = in_work(server, bench) else {
+        tell(server, report, "no run was in work".to_owned());
+        return true;
+    };
+    // The wish for a run that is busy with something that a signal does not interrupt, the signal for one that is between two wishes.
+    if let Err(error) = (Wishes { course: Course::Abort, ..Wishes::read(&folder) }).write(&folder) {
+        tracing::error!("{error}");
+    }
+    let asked = kill(Pid::from_raw(pid), Signal::SIGTERM);
+    tell(
+        server,
+        report,
+        match asked {
+            Ok(()) => format!("process {pid} was asked to end in safe state"),
+            Err(error) => format!("process {pid} cannot be asked to end: {error}"),
+        },
+    );
+    let until_s = server.clock.now_s() + server.settings.stop_wait_s;
+    while server.clock.now_s() < until_s {
+        if in_work(server, bench).is_none() {
+            tell(server, report, format!("process {pid} has ended"));
+            return true;
+        }
+        server.clock.sleep_s(LOOK_S).await;
+    }
+    let wait_s = server.settings.stop_wait_s;
+    if bench.in_process() {
+        // There is nothing outside it that could stay on.
+        let _ = kill(Pid::from_raw(pid), Signal::SIGKILL);
+    }
+    tell(server, report, format!("process {pid} has not ended within {wait_s} s: it is killed, and the bench is switched off beside it"));
+    false
+}
+
+/// The process that runs the bench, and its run folder. Not 0 and not 1: those are whole groups.
+fn in_work(server: &Server, bench: &config::Bench) -> Option<(i32, PathBuf)> {
+    let holder = || {
+        let state = State::of(bench).ok().flatten()?;
+        let pid = locks::holder(&state.path("lock"))?;
+        let known: Option<Holder> = std::fs::read_to_string(state.path("lock")).ok().and_then(|text| serde_json::from_str(&text).ok());
+        Some((pid, known.map(|holder| holder.run).unwrap_or_default()))
+    };
+    let ours = || {
+        let item = server.queue().in_work(&bench.name)?.clone();
+        let folder = server.runs().join(&item.run);
+        let pid = locks::holder(&folder.join(JOURNAL)).or_else(|| item.process.map(|process| process.pid))?;
+        // A process that has ended waits as a zombie until the supervisor has taken note of it.
+        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+        (!stat.rsplit(')').next()?.trim_start().starts_with('Z')).then_some((pid, folder))
+    };
+    holder().or_else(ours).filter(|(pid, _)| *pid > 1)
+}
+
+/// Switches off and reads back, over connections of its own.
+async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: &mut StopReport) {
+    let mut command = tokio::process::Command::new(&server.program);
+    command.arg("safe").arg(&bench.path).stdin(Stdio::null()).kill_on_drop(true).env_remove("NOTIFY_SOCKET");
+    if !gone {
+        command.arg("--kill");
+    }
+    let output = match server.clock.deadline(SAFE, command.output()).await {
+        Ok(Ok(output)) => output,
+        Ok(Err(error)) => return tell(server, report, format!("`eis-bench safe` cannot be started: {error}: LOOK AT THE BENCH")),
+        Err(_) => return tell(server, report, "`eis-bench safe` did not come to an end: LOOK AT THE BENCH".to_owned()),
+    };
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    if bench.in_process() {
+        report.verified = output.status.success() && in_work(server, bench).is_none();
+        return tell(server, report, said.trim().to_owned());
+    }
+    for line in said.lines() {
+        let role = line.split_whitespace().next().unwrap_or_default().to_owned();
+        let off = line.contains(" off, read back") && !line.contains("NOT VERIFIED");
+        report.outputs.push(OutputRead { role, off, text: line.split_whitespace().collect::<Vec<_>>().join(" ") });
+    }
+    report.verified = output.status.success() && report.outputs.iter().all(|output| output.off);
+    let last = String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or_default().to_owned();
+    tell(server, report, if report.verified { "every output is off and was read back".to_owned() } else { last });
+}

@@ -1,0 +1,364 @@
+//! The one thread that begins runs, watches them, and tells what changed. It waits for no listener and no request.
+
+use std::{
+    fs::File,
+    os::unix::process::CommandExt,
+    path::Path,
+    process::{Child, Command, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::JoinHandle,
+};
+
+use instruments::clock;
+use nix::{sys::signal::kill, unistd::Pid};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Server,
+    jobs::{self, Ended, Job},
+    live::{self, BenchState, InstrumentNow, Live},
+    locks,
+    queue::{Item, Kind, Process},
+    spectra::{self, Spectrum, Stamps},
+    submission,
+    watch::Watch,
+};
+use crate::{
+    command::Failure,
+    config,
+    journal::JOURNAL,
+    state::{Holder, State},
+};
+
+/// Time between two looks, s.
+const LOOK_S: f64 = 0.2;
+/// A bench that changes all the time is told this often, s.
+const TELL_S: f64 = 0.5;
+/// So long a process may take until its journal is there, s.
+const BIRTH_S: f64 = 60.0;
+
+/// The thread at work.
+pub struct Supervisor {
+    end: Arc<AtomicBool>,
+    thread: JoinHandle<()>,
+}
+
+/// What an instrument said of itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// Its role.
+    pub role: String,
+    /// Its answer.
+    pub identity: Answer,
+    /// Whether that is the configured model.
+    pub recognised: bool,
+}
+
+/// The answer itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// As it came.
+    pub raw: String,
+}
+
+/// Starts the thread. Must be called inside a runtime.
+///
+/// # Errors
+/// A system without threads; a state folder that cannot be written.
+pub fn start(server: &Arc<Server>, _watchdog_s: Option<f64>) -> Result<Supervisor, Failure> {
+    let mut posts = server.settings.benches.iter().map(|bench| Post::new(server, bench)).collect::<Result<Vec<_>, _>>()?;
+    let (server, handle) = (server.clone(), tokio::runtime::Handle::current());
+    let end = Arc::new(AtomicBool::new(false));
+    let ended = end.clone();
+    let work = move || {
+        while !ended.load(Ordering::Relaxed) {
+            posts.iter_mut().for_each(|post| post.look(&server));
+            server.counts.looks.fetch_add(1, Ordering::Relaxed);
+            handle.block_on(server.clock.sleep_s(LOOK_S));
+        }
+    };
+    Ok(Supervisor { end, thread: std::thread::Builder::new().name("supervisor".to_owned()).spawn(work)? })
+}
+
+impl Supervisor {
+    /// Ends it; runs go on.
+    pub fn end(self) {
+        self.end.store(true, Ordering::Relaxed);
+        let _ = self.thread.join();
+    }
+}
+
+/// One bench.
+struct Post {
+    bench: config::Bench,
+    state: Option<State>,
+    /// The process in work, where it is this server's child, with its place in the queue.
+    child: Option<(u64, Child)>,
+    watch: Option<(Option<String>, Watch)>,
+    manifest: Vec<Identity>,
+    stamps: Stamps,
+    told: (Live, f64),
+}
+
+impl Post {
+    fn new(server: &Server, bench: &config::Bench) -> Result<Self, Failure> {
+        let last = jobs::all(&server.settings.data).into_iter().find(|job| job.item.bench == bench.name);
+        let watch = last.map(|job| (Some(job.item.run.clone()), Watch::new(&server.runs().join(&job.item.run))));
+        Ok(Self {
+            bench: bench.clone(),
+            state: State::of(bench)?,
+            child: None,
+            watch,
+            manifest: Vec::new(),
+            stamps: Stamps::new(),
+            told: (Live::default(), f64::NEG_INFINITY),
+        })
+    }
+
+    fn look(&mut self, server: &Server) {
+        self.reap(server);
+        self.begin(server);
+        let going = self.follow(server);
+        self.tell(server, going);
+    }
+
+    /// Notices the end of the run in work.
+    fn reap(&mut self, server: &Server) {
+        let Some(item) = server.queue().in_work(&self.bench.name).cloned() else { return };
+        let code = match &mut self.child {
+            Some((id, child)) if *id == item.id => match child.try_wait() {
+                Ok(Some(status)) => status.code(),
+                Ok(None) => return,
+                Err(_) => None,
+            },
+            _ if lives(&server.runs().join(&item.run), &item) => return,
+            _ => None,
+        };
+        self.child = None;
+        let mut watch = Watch::new(&server.runs().join(&item.run));
+        watch.look();
+        let how = watch.ended().map(str::to_owned).or_else(|| last_word(server, &item.run));
+        let how = how.unwrap_or_else(|| "its process was killed or died".to_owned());
+        let finished = watch.ended() == Some("finished") && code.is_none_or(|code| code == 0);
+        self.over(server, &item, Ended { code, finished, how, unix_s: clock::unix_time_s() });
+    }
+
+    fn over(&self, server: &Server, item: &Item, ended: Ended) {
+        let job = Job { item: item.clone(), ended: Some(ended.clone()) };
+        let kept = jobs::write(&server.settings.data, &job);
+        let mut queue = server.queue();
+        let held = if ended.finished { Ok(()) } else { queue.hold(&item.bench, &format!("{} ended early: {}", item.run, ended.how)) };
+        let done = queue.done(item.id);
+        drop(queue);
+        for error in [kept.err(), held.err().map(|error| error.to_string()), done.err().map(|error| error.to_string())].iter().flatten() {
+            tracing::error!("{error}");
+        }
+        server.hub.tell("run", &job);
+        server.tell_queue();
+    }
+
+    /// Begins what comes next, where the bench is free.
+    fn begin(&mut self, server: &Server) {
+        let Some(item) = server.queue().next(&self.bench.name).cloned() else { return };
+        if self.taken() {
+            return;
+        }
+        let folder = server.runs().join(&item.run);
+        if item.kind == Kind::Run && folder.join(JOURNAL).exists() {
+            // It was begun, and the server died before it could write that down.
+            let pid = locks::holder(&folder.join(JOURNAL)).unwrap_or(0);
+            self.begun(server, &item, pid);
+            return;
+        }
+        match command(server, &item, &self.bench).and_then(|mut command| command.spawn().map_err(|error| error.to_string())) {
+            Ok(child) => {
+                let pid = i32::try_from(child.id()).unwrap_or(0);
+                self.child = Some((item.id, child));
+                self.begun(server, &item, pid);
+            }
+            Err(how) => self.over(server, &item, Ended { code: None, finished: false, how, unix_s: clock::unix_time_s() }),
+        }
+    }
+
+    fn begun(&self, server: &Server, item: &Item, pid: i32) {
+        let process = Process { pid, started_unix_s: clock::unix_time_s() };
+        let item = Item { process: Some(process.clone()), ..item.clone() };
+        let begun = server.queue().begun(item.id, process);
+        let job = Job { item, ended: None };
+        if let Some(error) = begun.err().map(|error| error.to_string()).or_else(|| jobs::write(&server.settings.data, &job).err()) {
+            tracing::error!("{error}");
+        }
+        server.hub.tell("run", &job);
+        server.tell_queue();
+    }
+
+    /// Latched, run by somebody else, or still looked after by the guardian of an earlier run.
+    fn taken(&self) -> bool {
+        let Some(state) = &self.state else { return false };
+        let latched = !matches!(state.latched(), Ok(None));
+        latched || ["lock", "guardian.lock"].iter().any(|name| locks::holder(&state.path(name)).is_some())
+    }
+
+    /// Watches the run in work, whoever began it; tells whether it goes on.
+    fn follow(&mut self, server: &Server) -> bool {
+        let item = server.queue().in_work(&self.bench.name).cloned();
+        let ours = item.map(|item| (server.runs().join(&item.run), Some(item.run)));
+        let other = || {
+            let state = self.state.as_ref()?;
+            locks::holder(&state.path("lock"))?;
+            let holder: Holder = serde_json::from_str(&std::fs::read_to_string(state.path("lock")).ok()?).ok()?;
+            let name = holder.run.strip_prefix(std::path::absolute(server.runs()).ok()?).ok().and_then(Path::to_str).map(str::to_owned);
+            Some((holder.run, name))
+        };
+        let found = ours.or_else(other);
+        if let Some((folder, name)) = &found
+            && self.watch.as_ref().is_none_or(|(_, watch)| watch.folder() != folder)
+        {
+            self.watch = Some((name.clone(), Watch::new(folder)));
+            self.stamps.clear();
+            self.manifest.clear();
+        }
+        if let Some((name, watch)) = &mut self.watch {
+            watch.look();
+            if self.manifest.is_empty() {
+                self.manifest = identities(watch.folder());
+            }
+            let stamps = spectra::stamps(watch.folder());
+            for file in stamps.iter().filter(|(file, stamp)| self.stamps.get(*file) != Some(*stamp)).map(|(file, _)| file) {
+                if let Some(spectrum) = spectra::read(watch.folder(), file) {
+                    server.hub.tell("spectrum", &Changed { bench: &self.bench.name, run: name.as_deref(), spectrum });
+                }
+            }
+            self.stamps = stamps;
+        }
+        found.is_some()
+    }
+
+    fn tell(&mut self, server: &Server, going: bool) {
+        let live = self.live(server, going);
+        let now_s = server.clock.now_s();
+        let urgent = live.state != self.told.0.state || live.stop != self.told.0.stop || live.trip != self.told.0.trip;
+        if live == self.told.0 || (!urgent && now_s - self.told.1 < TELL_S) {
+            return;
+        }
+        server.hub.tell("live", &live);
+        server.live().insert(self.bench.name.clone(), live.clone());
+        self.told = (live, now_s);
+    }
+
+    fn live(&self, server: &Server, going: bool) -> Live {
+        let trip = self.state.as_ref().and_then(|state| state.latched().ok().flatten());
+        let stop = server.stops().get(&self.bench.name).cloned();
+        let paused = self.watch.as_ref().is_some_and(|(_, watch)| watch.paused());
+        let state = match (stop.as_ref().is_some_and(|stop| !stop.over), going) {
+            (true, _) => BenchState::Stopping,
+            (false, true) if paused => BenchState::Paused,
+            (false, true) => BenchState::Running,
+            (false, false) if trip.is_some() => BenchState::Latched,
+            (false, false) => BenchState::Idle,
+        };
+        let reading = self.watch.as_ref().and_then(|(_, watch)| watch.reading.clone());
+        let experiment = self.watch.as_ref().and_then(|(_, watch)| watch.experiment.as_ref());
+        let limits = match (experiment, &reading) {
+            (Some(experiment), Some(reading)) => live::limits(&experiment.cell.limits, reading.fixture == "cell", reading),
+            _ => Vec::new(),
+        };
+        Live {
+            bench: self.bench.name.clone(),
+            state,
+            held: server.queue().held(&self.bench.name).map(str::to_owned),
+            run: self.watch.as_ref().map(|(name, watch)| watch.now(name.clone(), going)),
+            soc: self.watch.as_ref().and_then(|(_, watch)| watch.soc()),
+            reading,
+            limits,
+            instruments: self.instruments(server, (going, stop.as_ref().is_some_and(|stop| stop.over && stop.verified))),
+            trip: trip.map(Into::into),
+            stop,
+        }
+    }
+
+    fn instruments(&self, server: &Server, (going, stopped): (bool, bool)) -> Vec<InstrumentNow> {
+        let asked = server.identities().get(&self.bench.name).cloned().unwrap_or_default();
+        let watch = self.watch.as_ref().map(|(_, watch)| watch);
+        let died = !going && watch.is_some_and(|watch| watch.ended().is_none() && watch.reading.is_some());
+        let one = |(role, instrument): (&'static str, &config::Instrument)| {
+            let identity = asked.iter().chain(&self.manifest).find(|identity| identity.role == role);
+            let heard = watch.and_then(|watch| watch.heard.get(role));
+            let answered_s = heard.and_then(|heard| heard.answered_s);
+            let remark =
+                heard.and_then(|heard| heard.remark.as_ref()).filter(|remark| answered_s.is_none_or(|answered| remark.1 > answered));
+            let trouble = remark.filter(|(text, _)| text.contains("dropped") || text.contains("cannot")).map(|(text, _)| text.clone());
+            let output = heard.and_then(|heard| heard.output);
+            let unknown = died && output.is_some() && !stopped;
+            InstrumentNow {
+                role: role.to_owned(),
+                model: instrument.model.clone(),
+                address: instrument.address.to_string(),
+                identity: identity.map(|identity| identity.identity.raw.clone()),
+                recognised: identity.map(|identity| identity.recognised),
+                output: output.filter(|_| !unknown).map(|(on, _)| on && !(stopped && !going)),
+                output_s: output.map(|(_, time_s)| time_s),
+                answered_s,
+                trouble: if unknown { Some("the run's process died: the guardian switches off".to_owned()) } else { trouble },
+            }
+        };
+        self.bench.instruments.addressed().into_iter().map(one).collect()
+    }
+}
+
+/// A spectrum that changed.
+#[derive(Serialize)]
+struct Changed<'a> {
+    bench: &'a str,
+    run: Option<&'a str>,
+    spectrum: Spectrum,
+}
+
+/// Whether the process of a run lives that is no child of this server.
+fn lives(folder: &Path, item: &Item) -> bool {
+    let journal = folder.join(JOURNAL);
+    if locks::holder(&journal).is_some() {
+        return true;
+    }
+    let Some(process) = &item.process else { return false };
+    let young = clock::unix_time_s() - process.started_unix_s < BIRTH_S;
+    !journal.exists() && young && process.pid > 1 && kill(Pid::from_raw(process.pid), None).is_ok()
+}
+
+/// A process of its own group: what ends the server does not end the run.
+fn command(server: &Server, item: &Item, bench: &config::Bench) -> Result<Command, String> {
+    let data = &server.settings.data;
+    let path = data.join("logs").join(format!("{}.log", item.run));
+    let log = File::options().create(true).append(true).open(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let mut command = Command::new(&server.program);
+    match item.kind {
+        Kind::Run => {
+            let folder = data.join("submitted").join(&item.run);
+            let experiment =
+                submission::frozen(&folder).ok_or_else(|| format!("{}: expected the experiment, found none", folder.display()))?;
+            command.arg("run").arg(experiment).arg("--bench").arg(&bench.path).arg("--out").arg(server.runs().join(&item.run));
+            if let Some(seed) = item.seed {
+                command.arg("--seed").arg(seed.to_string());
+            }
+        }
+        Kind::Resume => drop(command.arg("resume").arg(server.runs().join(&item.run))),
+    }
+    let errors = log.try_clone().map_err(|error| error.to_string())?;
+    command.stdin(Stdio::null()).stdout(log).stderr(errors).process_group(0).env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC");
+    Ok(command)
+}
+
+/// What the process of a run said last of why it ended.
+fn last_word(server: &Server, run: &str) -> Option<String> {
+    let text = std::fs::read_to_string(server.settings.data.join("logs").join(format!("{run}.log"))).ok()?;
+    text.lines().rev().find_map(|line| line.strip_prefix("eis-bench: ")).map(str::to_owned)
+}
+
+/// What the instruments of a run said of themselves.
+fn identities(run: &Path) -> Vec<Identity> {
+    let read = || serde_json::from_str::<serde_json::Value>(&std::fs::read_to_string(run.join("manifest.json")).ok()?).ok();
+    read().and_then(|manifest| serde_json::from_value(manifest["instruments"].clone()).ok()).unwrap_or_default()
+}

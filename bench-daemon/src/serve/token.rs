@@ -1,0 +1,222 @@
+//! Who may do what. A token is 32 random bytes in hexadecimal, shown once; what is kept is its SHA-256 only: of that much chance nobody finds the
+//! original, so that no slow hash is needed.
+
+use std::{
+    fs,
+    os::unix::fs::{MetadataExt, PermissionsExt},
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+};
+
+use analysis::dataset::write_atomically;
+use instruments::clock;
+use serde::{Deserialize, Serialize};
+use subtle::ConstantTimeEq;
+
+use super::settings::plain;
+use crate::hash;
+
+const FILE: &str = "tokens.json";
+const PREFIX: &str = "eb_";
+
+/// What a token opens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum, utoipa::ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scope {
+    /// To look, and to stop: who sees that something goes wrong must be able to end it.
+    Read,
+    /// To cancel, reorder, hold and pause, and to ask the instruments who they are.
+    Operate,
+    /// To let current flow: to submit, to release what is held, to go on.
+    Energise,
+    /// To clear a bench that is latched after a trip.
+    ClearTrip,
+}
+
+impl Scope {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Read, Self::Operate, Self::Energise, Self::ClearTrip];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Read => "read",
+            Self::Operate => "operate",
+            Self::Energise => "energise",
+            Self::ClearTrip => "clear-trip",
+        }
+    }
+}
+
+/// A token as it is kept.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Token {
+    /// Whose it is.
+    pub name: String,
+    /// What it opens.
+    pub scopes: Vec<Scope>,
+    /// SHA-256 of it.
+    pub sha256: String,
+    /// When it was made, s since 1970.
+    pub made_unix_s: u64,
+}
+
+/// Tokens that cannot be read, written or made.
+#[derive(Debug, thiserror::Error)]
+pub enum TokenError {
+    /// The file system.
+    #[error("{path}: the tokens {what}: {reason}", path = path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was tried.
+        what: &'static str,
+        /// What the system says.
+        reason: String,
+    },
+    /// A name that cannot be.
+    #[error("expected a name of letters, digits, `-` and `_`, found {0:?}")]
+    Name(String),
+    /// A name that is there already.
+    #[error("expected a new name, found that of a token that is there: {0}; revoke it first")]
+    Taken(String),
+    /// A name of nobody.
+    #[error("expected the name of a token, found {0:?}, which is none")]
+    Unknown(String),
+    /// A machine without chance.
+    #[error("the system gives no random bytes: {0}")]
+    Random(String),
+}
+
+/// The tokens of a data folder; read again as soon as the file is another one.
+#[derive(Debug)]
+pub struct Tokens {
+    path: PathBuf,
+    known: Mutex<(Option<Stamp>, Vec<Token>)>,
+}
+
+/// Which file it was: inode, length and time of its last change.
+type Stamp = (u64, u64, i64, i64);
+
+impl Tokens {
+    /// Those of a data folder.
+    pub fn of(data: &Path) -> Self {
+        Self { path: data.join(FILE), known: Mutex::default() }
+    }
+
+    /// All of them.
+    ///
+    /// # Errors
+    /// A file that cannot be read or understood: then nobody is let in.
+    pub fn all(&self) -> Result<Vec<Token>, TokenError> {
+        let stamp = match fs::metadata(&self.path) {
+            Ok(meta) => Some((meta.ino(), meta.len(), meta.mtime(), meta.mtime_nsec())),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
+            Err(error) => return Err(self.error("cannot be read", &error)),
+        };
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        if stamp != known.0 {
+            let tokens = if stamp.is_none() { Vec::new() } else { self.read()? };
+            *known = (stamp, tokens);
+        }
+        Ok(known.1.clone())
+    }
+
+    /// Whose token this is, and what it opens.
+    ///
+    /// # Errors
+    /// As [`Tokens::all`].
+    pub fn whose(&self, presented: &str) -> Result<Option<Token>, TokenError> {
+        let sha256 = hash::sha256(presented);
+        // Every one is compared to its end: how long it takes tells nothing.
+        let same = |token: &Token| bool::from(token.sha256.as_bytes().ct_eq(sha256.as_bytes()));
+        Ok(self.all()?.into_iter().fold(None, |found, token| if same(&token) { Some(token) } else { found }))
+    }
+
+    /// Makes one and returns it: it is shown this once.
+    ///
+    /// # Errors
+    /// A name that is none or taken; a file that cannot be written.
+    pub fn add(&self, name: &str, scopes: &[Scope]) -> Result<String, TokenError> {
+        if !plain(name) {
+            return Err(TokenError::Name(name.to_owned()));
+        }
+        let mut tokens = self.all()?;
+        if tokens.iter().any(|token| token.name == name) {
+            return Err(TokenError::Taken(name.to_owned()));
+        }
+        let mut bytes = [0_u8; 32];
+        getrandom::fill(&mut bytes).map_err(|error| TokenError::Random(error.to_string()))?;
+        let secret = format!("{PREFIX}{}", hash::hex(&bytes));
+        let mut scopes = scopes.to_vec();
+        scopes.sort();
+        scopes.dedup();
+        tokens.push(Token { name: name.to_owned(), scopes, sha256: hash::sha256(&secret), made_unix_s: clock::unix_time_s() as u64 });
+        self.write(&tokens)?;
+        Ok(secret)
+    }
+
+    /// Takes one back; it opens nothing from the next request on.
+    ///
+    /// # Errors
+    /// A name of nobody; a file that cannot be written.
+    pub fn revoke(&self, name: &str) -> Result<(), TokenError> {
+        let mut tokens = self.all()?;
+        let before = tokens.len();
+        tokens.retain(|token| token.name != name);
+        if tokens.len() == before {
+            return Err(TokenError::Unknown(name.to_owned()));
+        }
+        self.write(&tokens)
+    }
+
+    fn read(&self) -> Result<Vec<Token>, TokenError> {
+        let text = fs::read_to_string(&self.path).map_err(|error| self.error("cannot be read", &error))?;
+        serde_json::from_str(&text).map_err(|error| self.error("cannot be understood", &error))
+    }
+
+    fn write(&self, tokens: &[Token]) -> Result<(), TokenError> {
+        let text = serde_json::to_string_pretty(tokens).map_err(|error| self.error("cannot be put into JSON", &error))?;
+        write_atomically(&self.path, format!("{text}\n").as_bytes()).map_err(|error| self.error("cannot be written", &error))?;
+        fs::set_permissions(&self.path, fs::Permissions::from_mode(0o600)).map_err(|error| self.error("cannot be protected", &error))
+    }
+
+    fn error(&self, what: &'static str, reason: &dyn std::fmt::Display) -> TokenError {
+        TokenError::Io { path: self.path.clone(), what, reason: reason.to_string() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_hash_is_on_disk_and_a_revoked_token_opens_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let tokens = Tokens::of(folder.path());
+        assert_eq!(tokens.all().unwrap(), []);
+        let secret = tokens.add("ann", &[Scope::Operate, Scope::Read, Scope::Read]).unwrap();
+        let text = fs::read_to_string(folder.path().join(FILE)).unwrap();
+        assert!(secret.len() == 67 && !text.contains(&secret[PREFIX.len()..]) && text.contains(&hash::sha256(&secret)), "{text}");
+        assert_eq!(fs::metadata(folder.path().join(FILE)).unwrap().permissions().mode() & 0o777, 0o600);
+        let whose = tokens.whose(&secret).unwrap().unwrap();
+        assert_eq!((whose.name.as_str(), whose.scopes.as_slice()), ("ann", &[Scope::Read, Scope::Operate][..]));
+        for wrong in ["", "eb_", &secret[1..], &format!("{secret}0")] {
+            assert_eq!(tokens.whose(wrong).unwrap(), None, "{wrong}");
+        }
+        assert!(tokens.add("ann", &[]).unwrap_err().to_string().contains("revoke it first"));
+        assert!(tokens.add("a/b", &[]).unwrap_err().to_string().starts_with("expected a name of letters"));
+        // Another process takes it back.
+        Tokens::of(folder.path()).revoke("ann").unwrap();
+        assert_eq!(tokens.whose(&secret).unwrap(), None);
+        assert!(tokens.revoke("ann").unwrap_err().to_string().contains("which is none"));
+    }
+
+    #[test]
+    fn tokens_that_cannot_be_understood_open_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join(FILE), "[{}]").unwrap();
+        let message = Tokens::of(folder.path()).whose("x").unwrap_err().to_string();
+        assert!(message.contains("tokens.json: the tokens cannot be understood: "), "{message}");
+    }
+}

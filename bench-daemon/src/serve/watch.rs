@@ -1,0 +1,266 @@
+//! A run, watched from outside through its folder: the journal, the readings and the transcripts are read as they grow. The run knows nothing of it and
+//! never waits for it.
+
+use std::{
+    collections::BTreeMap,
+    os::unix::fs::MetadataExt,
+    path::{Path, PathBuf},
+};
+
+use instruments::{clock::TimeMode, mock::plant::Fixture};
+
+use super::{
+    follow::Follow,
+    heard::Heard,
+    live::{PointNow, ReadingNow, RunNow, Soc},
+};
+use crate::{
+    command::run::begun_experiment,
+    config::Experiment,
+    interlock::NO_CURRENT_A,
+    journal::{Entry, JOURNAL, Line},
+    plan::{Plan, Purpose, Step, fixture_name},
+    procedure,
+};
+
+/// A run folder that is watched.
+#[derive(Debug)]
+pub struct Watch {
+    folder: PathBuf,
+    inode: u64,
+    journal: Follow,
+    readings: Follow,
+    /// What runs, once the journal tells it.
+    pub experiment: Option<Experiment>,
+    plan: Option<Plan>,
+    factor: Option<f64>,
+    time: String,
+    name: String,
+    stages: BTreeMap<usize, Stage>,
+    /// Stage and step in work, and the bench time at which the step was begun, s.
+    at: Option<(usize, usize, f64)>,
+    latest_s: f64,
+    paused: bool,
+    safe: bool,
+    ended: Option<String>,
+    last_text: String,
+    /// The last reading.
+    pub reading: Option<ReadingNow>,
+    soc: Option<Soc>,
+    /// The instruments, by role.
+    pub heard: BTreeMap<&'static str, Heard>,
+}
+
+#[derive(Debug, Default)]
+struct Stage {
+    done: BTreeMap<usize, bool>,
+    finished: bool,
+}
+
+impl Watch {
+    /// A run folder that may not be there yet.
+    pub fn new(folder: &Path) -> Self {
+        Self {
+            folder: folder.to_owned(),
+            inode: 0,
+            journal: Follow::new(folder.join(JOURNAL)),
+            readings: Follow::new(folder.join("readings.csv")),
+            experiment: None,
+            plan: None,
+            factor: None,
+            time: String::new(),
+            name: String::new(),
+            stages: BTreeMap::new(),
+            at: None,
+            latest_s: 0.0,
+            paused: false,
+            safe: false,
+            ended: None,
+            last_text: String::new(),
+            reading: None,
+            soc: None,
+            heard: BTreeMap::new(),
+        }
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Reads on.
+    pub fn look(&mut self) {
+        let inode = std::fs::metadata(self.folder.join(JOURNAL)).map_or(0, |meta| meta.ino());
+        if inode != self.inode && self.inode != 0 {
+            // Played again from its seed: another run stands in its place.
+            *self = Self::new(&self.folder.clone());
+        }
+        self.inode = inode;
+        // What cannot be read now is read at the next look.
+        for line in self.journal.look().unwrap_or_default().lines {
+            if let Ok(line) = serde_json::from_str::<Line>(&line) {
+                self.entry(line);
+            }
+        }
+        for line in self.readings.look().unwrap_or_default().lines {
+            self.read(&line);
+        }
+        self.heard.values_mut().for_each(Heard::look);
+    }
+
+    fn entry(&mut self, line: Line) {
+        self.latest_s = self.latest_s.max(line.time_s);
+        self.ended = None;
+        self.safe = matches!(line.entry, Entry::Safe | Entry::Paused) || (self.safe && matches!(line.entry, Entry::Note { .. }));
+        match line.entry {
+            Entry::Started(started) => {
+                let time = started.time.parse::<TimeMode>().unwrap_or(TimeMode::Real);
+                self.factor = match time {
+                    TimeMode::Real => Some(1.0),
+                    TimeMode::Scaled(factor) => Some(factor),
+                    TimeMode::Virtual => None,
+                };
+                (self.time, self.name) = (started.time.clone(), started.experiment.clone());
+                self.experiment = begun_experiment(&self.folder, &started).ok();
+                self.plan = self.experiment.as_ref().map(procedure::plan);
+                let roles = self.experiment.iter().flat_map(|experiment| experiment.bench.instruments.addressed());
+                self.heard = roles.map(|(role, _)| (role, Heard::new(&self.folder, role))).collect();
+            }
+            Entry::Stage { stage } => {
+                *self.stages.entry(stage).or_default() = Stage::default();
+                (self.at, self.last_text) = (Some((stage, 0, line.time_s)), String::new());
+            }
+            Entry::Intent { stage, step, text } => (self.at, self.last_text) = (Some((stage, step, line.time_s)), text),
+            Entry::Done { stage, step } => drop(self.stages.entry(stage).or_default().done.insert(step, false)),
+            Entry::Point(point) => drop(self.stages.entry(point.stage).or_default().done.insert(point.step, true)),
+            Entry::StageDone { stage } => self.stages.entry(stage).or_default().finished = true,
+            Entry::Paused => self.paused = true,
+            Entry::GoneOn | Entry::Resumed { .. } => self.paused = false,
+            Entry::Ended { how } => self.ended = Some(how),
+            Entry::Safe | Entry::Note { .. } | Entry::Found(_) => {}
+        }
+    }
+
+    /// `time_s,phase,voltage_v,current_a,temperature_c`.
+    fn read(&mut self, line: &str) {
+        let mut cells = line.split(',');
+        let (Some(Ok(time_s)), Some(phase)) = (cells.next().map(str::parse::<f64>), cells.next()) else { return };
+        let mut number = || cells.next().and_then(|cell| cell.parse::<f64>().ok()).filter(|value| value.is_finite());
+        let (voltage_v, current_a, temperature_c) = (number(), number(), number());
+        let before = self.reading.take();
+        self.count((time_s, phase), (voltage_v, current_a), before.as_ref());
+        self.latest_s = self.latest_s.max(time_s);
+        let kept_c = before.as_ref().and_then(|before| before.temperature_c);
+        let (voltage_v, current_a) = match (voltage_v, current_a, &before) {
+            // Some readings are of the temperature only.
+            (None, None, Some(before)) => (before.voltage_v, before.current_a),
+            _ => (voltage_v, current_a),
+        };
+        self.reading = Some(ReadingNow {
+            time_s,
+            phase: phase.to_owned(),
+            fixture: self.fixture().map_or("cell", fixture_name).to_owned(),
+            voltage_v,
+            current_a,
+            temperature_c: temperature_c.or(kept_c),
+        });
+    }
+
+    /// The state of charge: from the voltage at rest, and from there on by the charge that was read. In a sweep no net charge flows, and its readings
+    /// are means over a part of a period.
+    fn count(&mut self, (time_s, phase): (f64, &str), (voltage_v, current_a): (Option<f64>, Option<f64>), before: Option<&ReadingNow>) {
+        let Some(experiment) = self.experiment.as_ref().filter(|_| self.fixture().is_none_or(|fixture| fixture == Fixture::Cell)) else {
+            return;
+        };
+        let (Some(volts), Some(amps)) = (voltage_v, current_a) else { return };
+        let rests = matches!(phase, "rest" | "idle" | "paused") && amps.abs() < NO_CURRENT_A;
+        let found = experiment.cell.ocv.as_ref().filter(|_| rests).and_then(|curve| curve.soc_at(volts));
+        if let Some(share) = found {
+            self.soc = Some(Soc { share, counted_c: 0.0 });
+        } else if let (Some(soc), Some(before)) = (&mut self.soc, before)
+            && phase != "sine"
+            && before.phase == phase
+        {
+            let moved_c = 0.5 * (amps + before.current_a.unwrap_or(amps)) * (time_s - before.time_s);
+            soc.share += moved_c / experiment.cell.capacity_c;
+            soc.counted_c += moved_c;
+        }
+    }
+
+    /// The state of charge, while the cell is in the jig.
+    pub fn soc(&self) -> Option<Soc> {
+        self.soc
+    }
+
+    /// What is in the jig, as far as the stage in work tells.
+    pub fn fixture(&self) -> Option<Fixture> {
+        let (stage, ..) = self.at?;
+        match self.plan.as_ref()?.stages.get(stage)?.purpose {
+            Purpose::Sweep(fixture, _) => Some(fixture),
+            _ => Some(Fixture::Cell),
+        }
+    }
+
+    /// It waits on request.
+    pub fn paused(&self) -> bool {
+        self.paused
+    }
+
+    /// How it ended, if it did.
+    pub fn ended(&self) -> Option<&str> {
+        self.ended.as_deref()
+    }
+
+    /// Where it is; `going` tells whether its process lives.
+    pub fn now(&self, run: Option<String>, going: bool) -> RunNow {
+        let none = Plan { stages: Vec::new() };
+        let plan = self.plan.as_ref().unwrap_or(&none);
+        let (stage_number, step_number) = self.at.map_or((0, 0), |(stage, step, _)| (stage + 1, step + 1));
+        let stage = self.at.and_then(|(stage, ..)| plan.stages.get(stage));
+        let steps = stage.map_or(&[][..], |stage| &stage.steps);
+        let sines = |steps: &[Step]| steps.iter().filter(|step| matches!(step, Step::Sine { .. })).count();
+        let point = self.at.and_then(|(_, step, _)| match steps.get(step) {
+            Some(Step::Sine { index, freq_hz, .. }) => Some(PointNow { number: index + 1, of: sines(steps), freq_hz: *freq_hz }),
+            _ => None,
+        });
+        let (total_s, left_s) = self.left(plan);
+        RunNow {
+            run,
+            experiment: self.name.clone(),
+            going,
+            ended: self.ended.clone(),
+            stage: stage.map_or_else(String::new, |stage| stage.purpose.to_string()),
+            stage_number,
+            stages: plan.stages.len(),
+            step: self.last_text.clone(),
+            step_number,
+            steps: steps.len(),
+            point,
+            points_done: self.stages.values().flat_map(|stage| stage.done.values()).filter(|point| **point).count(),
+            points: plan.stages.iter().map(|stage| sines(&stage.steps)).sum(),
+            done: if total_s > 0.0 { 1.0 - left_s / total_s } else { 0.0 },
+            left_s: self.factor.filter(|_| going && total_s > 0.0).map(|factor| (left_s / factor).round()),
+            bench_time_s: self.latest_s,
+            time: self.time.clone(),
+            safe: self.safe,
+        }
+    }
+
+    /// Expected bench time of the whole plan, and of what is left of it, s.
+    fn left(&self, plan: &Plan) -> (f64, f64) {
+        let (mut total_s, mut left_s) = (0.0, 0.0);
+        for (number, stage) in plan.stages.iter().enumerate() {
+            let known = self.stages.get(&number);
+            for (index, step) in stage.steps.iter().enumerate() {
+                let expected_s = step.expected_s();
+                total_s += expected_s;
+                if known.is_some_and(|known| known.finished || known.done.contains_key(&index)) {
+                    continue;
+                }
+                let spent_s = self.at.filter(|at| (at.0, at.1) == (number, index)).map_or(0.0, |(_, _, began_s)| self.latest_s - began_s);
+                left_s += (expected_s - spent_s).max(0.0);
+            }
+        }
+        (total_s, left_s)
+    }
+}

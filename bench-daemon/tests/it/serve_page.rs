@@ -1,0 +1,246 @@
+//! The page in a real browser: Chromium with its driver, headless. Where they are absent the tests pass and say so. Pictures of each state go to
+//! `target/tmp/page`.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader},
+    path::PathBuf,
+    process::{Command, Stdio},
+};
+
+use fantoccini::{Client, ClientBuilder, Locator};
+use hyper_util::client::legacy::connect::HttpConnector;
+use instruments::clock::{Clock, TimeMode};
+use tokio::runtime::Runtime;
+
+use crate::{
+    serve_support::{Served, config, token},
+    support::{Files, Ports, Running, poll},
+};
+
+const DESKTOP: (u32, u32) = (1280, 1000);
+const PHONE: (u32, u32) = (390, 844);
+
+/// A browser with one window.
+struct Browser {
+    runtime: Runtime,
+    client: Client,
+    _driver: Running,
+    _profile: tempfile::TempDir,
+}
+
+impl Browser {
+    /// None where there is no driver on this machine.
+    fn start(dark: bool) -> Option<Self> {
+        let driver = Command::new("chromedriver").arg("--port=0").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
+        let Ok(driver) = driver else {
+            eprintln!("SKIPPED: no chromedriver on this machine; Debian has it in the package chromium-driver");
+            return None;
+        };
+        let mut driver = Running(driver);
+        let lines = BufReader::new(driver.0.stdout.as_mut().unwrap()).lines().map_while(Result::ok);
+        let port = lines
+            .filter_map(|line| line.split_once("on port ").and_then(|(_, port)| port.trim_end_matches('.').parse::<u16>().ok()))
+            .next()?;
+        let profile = tempfile::tempdir().unwrap();
+        let arguments = [
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-quic",
+            "--no-first-run",
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--disable-sync",
+            "--disable-dev-shm-usage",
+            "--hide-scrollbars",
+            if dark { "--blink-settings=preferredColorScheme=0" } else { "--blink-settings=preferredColorScheme=1" },
+            &format!("--user-data-dir={}", profile.path().display()),
+        ];
+        let options = serde_json::json!({ "goog:chromeOptions": { "args": arguments, "mobileEmulation": {} } });
+        let mut options = options.as_object().unwrap().clone();
+        options["goog:chromeOptions"].as_object_mut().unwrap().remove("mobileEmulation");
+        let runtime = Clock::runtime(TimeMode::Real).unwrap();
+        let connected = runtime.block_on(async {
+            ClientBuilder::new(HttpConnector::new()).capabilities(options).connect(&format!("http://127.0.0.1:{port}")).await
+        });
+        match connected {
+            Ok(client) => Some(Self { runtime, client, _driver: driver, _profile: profile }),
+            Err(error) => {
+                eprintln!("SKIPPED: chromedriver cannot start a browser: {error}");
+                None
+            }
+        }
+    }
+
+    fn go(&self, url: &str, (width, height): (u32, u32)) {
+        self.size((width, height));
+        self.runtime.block_on(self.client.goto(url)).unwrap();
+    }
+
+    fn size(&self, (width, height): (u32, u32)) {
+        self.runtime.block_on(self.client.set_window_size(width, height)).unwrap();
+    }
+
+    fn script(&self, text: &str) -> serde_json::Value {
+        self.runtime.block_on(self.client.execute(text, Vec::new())).unwrap()
+    }
+
+    /// The text of an element that is shown.
+    fn text(&self, css: &str) -> String {
+        let script = format!("const e = document.querySelector({css:?}); return e && e.offsetParent !== null ? e.innerText : \"\"");
+        self.script(&script).as_str().unwrap_or_default().to_owned()
+    }
+
+    fn click(&self, css: &str) {
+        self.runtime.block_on(async { self.client.find(Locator::Css(css)).await.unwrap().click().await }).unwrap();
+    }
+
+    fn keys(&self, css: &str, keys: &str) {
+        self.runtime.block_on(async { self.client.find(Locator::Css(css)).await.unwrap().send_keys(keys).await }).unwrap();
+    }
+
+    #[track_caller]
+    fn wait(&self, css: &str, wanted: &str) {
+        let mut last = String::new();
+        for _ in 0..1500 {
+            last = self.text(css);
+            if last.contains(wanted) {
+                return;
+            }
+            poll_once();
+        }
+        self.picture("failed", DESKTOP);
+        panic!("{css}: expected {wanted:?}, found {last:?}");
+    }
+
+    /// Marks in the Nyquist plot.
+    fn marks(&self) -> u64 {
+        self.script("return document.querySelectorAll('#nyquist .mark').length").as_u64().unwrap()
+    }
+
+    /// The whole page at one size, and that nothing sticks out at its side.
+    fn picture(&self, name: &str, size: (u32, u32)) {
+        let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("page");
+        fs::create_dir_all(&folder).unwrap();
+        self.size(size);
+        let height = self.script("return document.documentElement.scrollHeight").as_u64().unwrap();
+        self.size((size.0, u32::try_from(height).unwrap().clamp(size.1, 5000)));
+        let bytes = self.runtime.block_on(self.client.screenshot()).unwrap();
+        let kind = if size == PHONE { "phone" } else { "desktop" };
+        fs::write(folder.join(format!("{name}-{kind}.png")), bytes).unwrap();
+        let wide = self.script("return [document.documentElement.scrollWidth, window.innerWidth]");
+        assert!(wide[0].as_u64() <= wide[1].as_u64(), "{name} at {size:?}: {wide}");
+        self.size(size);
+    }
+
+    fn pictures(&self, name: &str) {
+        self.picture(name, PHONE);
+        self.picture(name, DESKTOP);
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.runtime.block_on(self.client.clone().close());
+    }
+}
+
+fn poll_once() {
+    let mut first = true;
+    poll("a moment", || if std::mem::replace(&mut first, false) { None } else { Some(()) });
+}
+
+#[test]
+fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
+    let Some(browser) = Browser::start(false) else { return };
+    let files = Files::short(12);
+    let ports = Ports::serve(&files, 10.0, 1);
+    config(&files, "");
+    let served = Served::start(&files);
+    browser.go(&served.url(), DESKTOP);
+    browser.wait("#state", "Idle");
+    browser.wait("#link", "connected");
+    browser.pictures("idle");
+    browser.click("#showplan");
+    browser.wait("#plan", "EIS sweep of the cell");
+    browser.click("#submit button[type=submit]");
+    browser.wait("#said", "demo-1 is in the queue");
+    browser.wait("#state", "Running");
+    browser.wait("#legend", "raw_shunt (3 points");
+    let few = browser.marks();
+    browser.wait("#legend", "spectrum (4 points");
+    assert!(browser.marks() >= few.min(4), "{few}, {}", browser.marks());
+    for words in ["EIS sweep of the cell", "of 12,", "about"] {
+        assert!(browser.text("#runbody").contains(words), "{words}: {}", browser.text("#runbody"));
+    }
+    assert!(browser.text("#instrumentrows").contains("● ON"), "{}", browser.text("#instrumentrows"));
+    assert!(browser.text("#limits").contains("V left"), "{}", browser.text("#limits"));
+    browser.pictures("running");
+    // The first run comes to its end, the second is stopped.
+    browser.wait("#runs", "✓ finished");
+    browser.pictures("finished");
+    browser.click("#submit button[type=submit]");
+    browser.wait("#legend", "raw_fake_cell (2 points");
+    browser.click("#stop");
+    browser.wait("#stopped", "every output is off, read back");
+    ports.assert_outputs_off();
+    let said = browser.text("#stopped");
+    for words in ["supply4q", "load", "generator", "off, read back"] {
+        assert!(said.contains(words), "{said}");
+    }
+    browser.wait("#state", "Idle");
+    browser.wait("#held", "stopped by local");
+    browser.pictures("stopped");
+    // Two runs over each other.
+    browser.click("#runs tr:nth-child(1) input");
+    browser.click("#runs tr:nth-child(2) input");
+    browser.wait("#legend", "demo-1: spectrum (12 points)");
+    browser.wait("#legend", "demo-2: ");
+    browser.pictures("compared");
+    // With the keyboard alone.
+    browser.click("#held button");
+    browser.click("#submit button[type=submit]");
+    browser.wait("#state", "Running");
+    browser.wait("#runbody", "point 2 of 12");
+    browser.keys("body", "\u{e00c}");
+    browser.wait("#said", "Esc once more");
+    browser.keys("body", "\u{e00c}");
+    browser.wait("#stopped", "every output is off, read back");
+    ports.assert_outputs_off();
+}
+
+#[test]
+fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
+    let Some(browser) = Browser::start(true) else { return };
+    let files = Files::short(4).edit(crate::support::CELL, "temperature_max = \"60 °C\"", "temperature_max = \"20 °C\"");
+    let _ports = Ports::serve(&files, 10.0, 1);
+    config(&files, "");
+    let all = token(&files, "ann", "read,operate,energise,clear-trip");
+    let look = token(&files, "bob", "read");
+    let mut served = Served::start(&files);
+    browser.go(&served.url(), DESKTOP);
+    browser.wait("#login", "Token");
+    browser.pictures("login");
+    browser.keys("#token", "eb_wrong\u{e007}");
+    browser.wait("#loginsaid", "expected a token of this server");
+    browser.keys("#token", &format!("{look}\u{e007}"));
+    browser.wait("#state", "Idle");
+    assert_eq!(browser.text("#submit"), "", "who may only look is not offered to submit");
+    assert_ne!(browser.text("#stop"), "", "everybody may stop");
+    browser.click("#leave");
+    browser.wait("#login", "Token");
+    browser.keys("#token", &format!("{all}\u{e007}"));
+    browser.wait("#state", "Idle");
+    browser.click("#submit button[type=submit]");
+    browser.wait("#trip", "temperature");
+    browser.wait("#runs", "✕");
+    browser.pictures("tripped");
+    browser.click("#trip button");
+    browser.wait("#said", "demo is cleared");
+    browser.wait("#state", "Idle");
+    served.process.0.kill().unwrap();
+    served.process.0.wait().unwrap();
+    browser.wait("#link", "connection lost");
+    browser.pictures("lost");
+}

@@ -1,0 +1,212 @@
+//! A server as a process, and a client that speaks HTTP byte by byte, so that it can also speak it badly.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader, Read, Write},
+    net::TcpStream,
+    path::PathBuf,
+    process::Stdio,
+    time::Duration,
+};
+
+use crate::support::{Files, Running, command, poll, program};
+
+/// A server on a port of this machine.
+pub(crate) struct Served {
+    pub(crate) process: Running,
+    pub(crate) address: String,
+}
+
+/// An answer.
+#[derive(Debug)]
+pub(crate) struct Answer {
+    pub(crate) status: u16,
+    pub(crate) head: String,
+    pub(crate) body: Vec<u8>,
+}
+
+impl Answer {
+    pub(crate) fn json(&self) -> serde_json::Value {
+        serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error}: {}", self.text()))
+    }
+
+    pub(crate) fn text(&self) -> String {
+        format!("{} {}", self.status, String::from_utf8_lossy(&self.body))
+    }
+
+    #[track_caller]
+    pub(crate) fn expect(self, status: u16) -> Self {
+        assert_eq!(self.status, status, "{}", self.text());
+        self
+    }
+}
+
+/// Writes a server's file beside altered copies of the demo's, with more sections behind it.
+pub(crate) fn config(files: &Files, more: &str) -> PathBuf {
+    let text = format!("listen = \"127.0.0.1:0\"\ndata = \"data\"\nconfigs = \".\"\nbenches = [\"benches/demo.toml\"]\n{more}\n");
+    files.write("serve.toml", &text);
+    files.path("serve.toml")
+}
+
+/// Makes a token.
+pub(crate) fn token(files: &Files, name: &str, scope: &str) -> String {
+    let config = files.path("serve.toml");
+    let arguments = ["token".as_ref(), "add".as_ref(), config.as_os_str(), name.as_ref(), "--scope".as_ref(), scope.as_ref()];
+    program(&arguments).expect_code(0).stdout.trim().to_owned()
+}
+
+impl Served {
+    /// Starts a server with the file that [`config`] wrote.
+    pub(crate) fn start(files: &Files) -> Self {
+        Self::start_with(files, &[])
+    }
+
+    pub(crate) fn start_with(files: &Files, environment: &[(&str, &str)]) -> Self {
+        let config = files.path("serve.toml");
+        let mut command = command(&["serve".as_ref(), config.as_os_str()]);
+        command.envs(environment.iter().copied()).stderr(Stdio::inherit());
+        let mut process = Running(command.spawn().unwrap());
+        let mut line = String::new();
+        BufReader::new(process.0.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+        let address = line.trim().rsplit_once("//").unwrap_or_else(|| panic!("the server said {line:?}")).1.to_owned();
+        Self { process, address }
+    }
+
+    pub(crate) fn url(&self) -> String {
+        format!("http://{}", self.address)
+    }
+
+    pub(crate) fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(&self.address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+        stream
+    }
+
+    /// Sends bytes as they are and reads to the end of the connection.
+    pub(crate) fn raw(&self, request: &[u8]) -> Answer {
+        let mut stream = self.connect();
+        // A server that has had enough answers before it has read everything.
+        let _ = stream.write_all(request);
+        read(stream)
+    }
+
+    pub(crate) fn ask(&self, method: &str, path: &str, (token, body): (&str, &str)) -> Answer {
+        let token = if token.is_empty() { String::new() } else { format!("Authorization: Bearer {token}\r\n") };
+        let kind = if body.is_empty() { String::new() } else { "Content-Type: application/json\r\n".to_owned() };
+        let length = body.len();
+        let head = format!(
+            "{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n{token}{kind}Content-Length: {length}\r\n\r\n",
+            self.address
+        );
+        self.raw(format!("{head}{body}").as_bytes())
+    }
+
+    pub(crate) fn get(&self, path: &str) -> serde_json::Value {
+        self.ask("GET", &format!("/api/v1{path}"), ("", "")).expect(200).json()
+    }
+
+    pub(crate) fn post(&self, path: &str, body: &str) -> Answer {
+        self.ask("POST", &format!("/api/v1{path}"), ("", body))
+    }
+
+    /// The end of a run, as soon as it is there.
+    pub(crate) fn ended(&self, run: &str) -> serde_json::Value {
+        poll(&format!("the end of {run}"), || {
+            let jobs = self.get("/runs");
+            let job = jobs.as_array().unwrap().iter().find(|job| job["item"]["run"] == run)?;
+            Some(job["ended"].clone()).filter(|ended| !ended.is_null())
+        })
+    }
+
+    /// Waits until a run has so many points.
+    pub(crate) fn points(&self, count: u64) -> serde_json::Value {
+        poll(&format!("{count} points"), || {
+            let live = self.get("/benches/demo");
+            (live["run"]["points_done"].as_u64()? >= count).then_some(live)
+        })
+    }
+
+    /// A listener to the events.
+    pub(crate) fn listen(&self, more: &str) -> Events {
+        let mut stream = self.connect();
+        write!(stream, "GET /api/v1/events HTTP/1.1\r\nHost: {}\r\n{more}\r\n", self.address).unwrap();
+        let mut reader = BufReader::new(stream);
+        let mut head = String::new();
+        while !head.ends_with("\r\n\r\n") {
+            assert!(reader.read_line(&mut head).unwrap() > 0, "{head}");
+        }
+        assert!(head.starts_with("HTTP/1.1 200"), "{head}");
+        Events(reader)
+    }
+}
+
+/// Events as they come.
+pub(crate) struct Events(BufReader<TcpStream>);
+
+impl Iterator for Events {
+    /// Name, kind and data.
+    type Item = (String, String, serde_json::Value);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let (mut id, mut kind) = (String::new(), String::new());
+        loop {
+            let mut line = String::new();
+            // Lengths of chunks and blank lines between them are passed over.
+            if self.0.read_line(&mut line).ok()? == 0 {
+                return None;
+            }
+            let line = line.trim_end();
+            if let Some(text) = line.strip_prefix("id: ") {
+                id = text.to_owned();
+            } else if let Some(text) = line.strip_prefix("event: ") {
+                kind = text.to_owned();
+            } else if let Some(text) = line.strip_prefix("data: ") {
+                return Some((id, kind, serde_json::from_str(text).unwrap()));
+            }
+        }
+    }
+}
+
+fn read(mut stream: TcpStream) -> Answer {
+    let mut bytes = Vec::new();
+    // A reset after the answer is an end too.
+    let _ = stream.read_to_end(&mut bytes);
+    answer(&bytes)
+}
+
+/// Takes an answer apart.
+pub(crate) fn answer(bytes: &[u8]) -> Answer {
+    let Some(end) = bytes.windows(4).position(|window| window == b"\r\n\r\n") else {
+        return Answer { status: 0, head: String::from_utf8_lossy(bytes).into_owned(), body: Vec::new() };
+    };
+    let head = String::from_utf8_lossy(&bytes[..end]).to_lowercase();
+    let status = head.split_whitespace().nth(1).and_then(|status| status.parse().ok()).unwrap_or(0);
+    let mut body = bytes[end + 4..].to_vec();
+    if head.contains("transfer-encoding: chunked") {
+        body = unchunked(&body);
+    }
+    Answer { status, head, body }
+}
+
+fn unchunked(mut bytes: &[u8]) -> Vec<u8> {
+    let mut whole = Vec::new();
+    while let Some(end) = bytes.windows(2).position(|window| window == b"\r\n") {
+        let length = usize::from_str_radix(String::from_utf8_lossy(&bytes[..end]).trim(), 16).unwrap_or(0);
+        if length == 0 || bytes.len() < end + 2 + length {
+            break;
+        }
+        whole.extend(&bytes[end + 2..end + 2 + length]);
+        bytes = bytes.get(end + 4 + length..).unwrap_or_default();
+    }
+    whole
+}
+
+/// What a run of this server was submitted as.
+pub(crate) fn submit(served: &Served, body: &str) -> String {
+    served.post("/queue", body).expect(201).json()["run"].as_str().unwrap().to_owned()
+}
+
+/// The text of a file in the server's data folder.
+pub(crate) fn data(files: &Files, name: &str) -> String {
+    fs::read_to_string(files.path("data").join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
