@@ -1,7 +1,7 @@
 //! `eis-bench replay`: recorded captures through the present pipeline, and what changed.
 //!
 //! A run of the same version comes out bit-identical. Otherwise every point that changed is told with its change over its stated uncertainty. Nothing is
-//! changed in the run folder; `--out` writes what comes out into a folder of its own. Captures of other programs are described by a TOML ([`captures`]).
+//! changed in the run folder; `--out` writes what comes out into a folder of its own. Captures of other programs are described by a TOML.
 
 mod captures;
 
