@@ -187,6 +187,10 @@ pub struct MockArgs {
     /// Bench time: `real` or `scaled:FACTOR`; overrides the bench file. Clients must run at the same pace: --write-bench tells them.
     #[arg(long, value_name = "MODE")]
     pub time: Option<String>,
+    /// Serve over another transport than the addresses name, on a free port of this machine: TRANSPORT for all instruments, ROLE=TRANSPORT for one; tcp,
+    /// vxi11, vxi11-mapped, hislip, gpib or serial. `memory:` addresses are served over tcp without it.
+    #[arg(long, value_name = "[ROLE=]TRANSPORT")]
+    pub over: Vec<crate::sim::Over>,
     /// Seed of the simulated world.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,

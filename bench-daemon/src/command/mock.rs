@@ -19,6 +19,10 @@ use crate::{
 pub fn mock(args: &MockArgs) -> Result<(), Failure> {
     let (bench, source) = load_bench(&args.bench)?;
     let section = bench.simulation.as_ref().ok_or_else(|| SimError::Real { path: args.bench.clone() })?;
+    let roles: Vec<&str> = bench.instruments.addressed().iter().map(|(role, _)| *role).collect();
+    if let Some(role) = args.over.iter().filter_map(|over| over.role.as_deref()).find(|role| !roles.contains(role)) {
+        return Err(Failure::Usage(format!("--over: expected a role of this bench ({}), found `{role}`", roles.join(", "))));
+    }
     let mode = match &args.time {
         Some(text) => text.parse::<TimeMode>().map_err(|error| Failure::Usage(format!("--time: {error}")))?,
         // In virtual time nothing waits for a client on a real port.
@@ -32,7 +36,7 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
         let mut stop = StopSignals::install()?;
         let clock = Clock::start(mode);
         let simulation = Simulation::new(&section.scenario, args.seed)?.with_faults(section.faults.clone());
-        let served = simulation.serve_on_ports(&bench, &clock).await?;
+        let served = simulation.serve_on_ports(&bench, &args.over, &clock).await?;
         if let Some(path) = &args.write_bench {
             write_bench(path, &source, &served, mode)?;
         }

@@ -213,7 +213,7 @@ fn stray(source: &Source, raw: &raw::Open) -> Result<StrayAdmittance, ConfigErro
     Ok(StrayAdmittance::within(least_ohm, greatest_f))
 }
 
-/// One client at a time, one instrument at an address.
+/// One client at a time, one instrument at an address, one connection to a GPIB adapter.
 fn check_addresses(source: &Source, instruments: &Instruments) -> Result<(), ConfigError> {
     let addressed = instruments.addressed();
     let mut seen: Vec<(&str, &Address)> = Vec::new();
@@ -222,9 +222,17 @@ fn check_addresses(source: &Source, instruments: &Instruments) -> Result<(), Con
         if let Some((other, _)) = seen.iter().find(|(_, address)| *address == &instrument.address) {
             return Err(source.complain(&field, format!("expected an address of its own, found that of {other}: {}", instrument.address)));
         }
+        if let Some(other) = seen.iter().find_map(|(other, address)| shares_adapter(address, &instrument.address).then_some(other)) {
+            let reason = format!("expected a GPIB adapter of its own, found that of {other}: an adapter takes one connection");
+            return Err(source.complain(&field, reason));
+        }
         seen.push((role, &instrument.address));
     }
     Ok(())
+}
+
+fn shares_adapter(one: &Address, other: &Address) -> bool {
+    matches!((one, other), (Address::Gpib { adapter: one, .. }, Address::Gpib { adapter: other, .. }) if one == other)
 }
 
 /// The built-in mocks are a whole bench or none: they share one simulated world.
@@ -275,12 +283,15 @@ fn resolve_faults(source: &Source, raw: &raw::Faults) -> Result<Schedule, Config
     Ok(Schedule { seed: raw.seed, per_message: raw.per_message, most: raw.most, faults })
 }
 
-/// In this process, on the loopback interface, or on a pseudo-terminal.
+/// In this process, on the loopback interface, on a pseudo-terminal, or a socket in the place of a device's file.
 pub(super) fn is_local(address: &Address) -> bool {
-    match address {
-        Address::Memory { .. } => true,
-        Address::Tcp { host, .. } => host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback()),
-        Address::Serial(settings) => settings.path.starts_with("/dev/pts/"),
+    match (address, address.host(), address.path()) {
+        (_, Some(host), _) => {
+            host == "localhost" || host.trim_matches(['[', ']']).parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback())
+        }
+        (Address::UsbTmc { .. }, _, Some(path)) => !path.starts_with("/dev/"),
+        (_, _, Some(path)) => path.starts_with("/dev/pts/"),
+        (_, None, None) => true,
     }
 }
 

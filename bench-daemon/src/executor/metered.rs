@@ -113,7 +113,7 @@ impl Executor<'_> {
             _ => Flowing::Nothing,
         };
         if wanted != work.flowing {
-            self.nothing_flows(work).await?;
+            self.end_flow(work).await?;
         }
         match wanted {
             Flowing::Nothing => {}
@@ -147,7 +147,7 @@ impl Executor<'_> {
         Ok(())
     }
 
-    async fn nothing_flows(&mut self, work: &Work<'_>) -> Result<(), ExecuteError> {
+    async fn end_flow(&mut self, work: &Work<'_>) -> Result<(), ExecuteError> {
         match work.flowing {
             Flowing::Nothing => Ok(()),
             Flowing::Load { .. } => {

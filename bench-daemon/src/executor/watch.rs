@@ -113,14 +113,14 @@ impl Executor<'_> {
             let (seen, drawn) = load.measure().await.map_err(error)?;
             volts = seen;
             // As a voltmeter it draws nothing.
-            self.nothing_flows("current of the load", drawn.value())?;
+            self.no_current("current of the load", drawn.value())?;
         }
         let temperature_c = self.temperature_now_and_then().await?;
         Ok(Reading { time_s: self.clock.now_s(), voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
     }
 
     /// Trips where a current flows through an instrument that is off.
-    fn nothing_flows(&self, what: &'static str, value: f64) -> Result<(), ExecuteError> {
+    fn no_current(&self, what: &'static str, value: f64) -> Result<(), ExecuteError> {
         if value.abs() <= NO_CURRENT_A {
             return Ok(());
         }
@@ -133,14 +133,14 @@ impl Executor<'_> {
             self.watch(phase, fixture).await?;
         } else if self.bench.load.is_some() {
             let (volts, drawn_a) = self.load_volts().await?;
-            self.nothing_flows("current of the load", drawn_a)?;
+            self.no_current("current of the load", drawn_a)?;
             let temperature_c = self.temperature_now_and_then().await?;
             self.judge(phase, Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), temperature_c, ..Reading::default() })?;
         }
         let error = self.bench.error("supply");
         if let Some(supply) = self.bench.supply.as_mut() {
             let (_, fed) = supply.measure().await.map_err(error)?;
-            self.nothing_flows("current of the charger", fed.value())?;
+            self.no_current("current of the charger", fed.value())?;
         }
         Ok(())
     }

@@ -31,7 +31,9 @@ mod world;
 pub use faults::{Fault, FaultLog, Happened, Schedule, Trouble, make_troubled};
 use plant::SharedPlant;
 pub use replay::{Divergence, Outcome, Replay};
-pub use serve::{serve, serve_memory, serve_pty, serve_tcp};
+pub use serve::{
+    Vxi11Ports, serve, serve_gpib, serve_gpib_pty, serve_hislip, serve_memory, serve_pty, serve_tcp, serve_usbtmc, serve_vxi11,
+};
 
 use crate::scpi::decode::Terminator;
 

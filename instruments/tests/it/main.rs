@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test that panics has found something")]
 
+mod conformance;
 mod device;
 mod drivers_common;
 mod drivers_generator;
@@ -11,6 +12,8 @@ mod drivers_second;
 mod drivers_supply4q;
 mod drivers_thermal;
 mod faults;
+mod fuzz;
+mod fuzz_sessions;
 mod link;
 mod mocks_devices;
 mod mocks_plant;
@@ -19,3 +22,4 @@ mod mocks_random;
 mod mocks_scope;
 mod ports;
 mod replay;
+mod transports;
