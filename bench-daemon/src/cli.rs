@@ -48,6 +48,10 @@ Examples:
   Yesterday's captures through today's analysis, and whether a folder is what it was:
     eis-bench replay runs/thesis
     eis-bench verify runs/thesis
+  A spectrum for ZView, a time series for the Battery Data Alliance's tools, a model for a controller:
+    eis-bench convert SPECTRUM.csv --to zview --out FOLDER
+    eis-bench convert SERIES.csv --to bdf-parquet --out FOLDER
+    eis-bench convert model_4rc.json --to c --ocv ocv.json --out FOLDER
   What a pack can give and take, and for how long:
     eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015
     eis-bench sop --model FOLDER/model_4rc.json --series 16 --parallel 3 --ocv-v 3.6
@@ -126,14 +130,16 @@ enum Command {
     Effects(command::effects::EffectsArgs),
     /// State of power: the most power that can be held, over duration and state of charge.
     Sop(command::sop::SopArgs),
-    /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
-    Serve(command::serve::ServeArgs),
-    /// Tokens that open a server's API.
-    Token(command::token::TokenArgs),
+    /// Write spectra, time series and models as other programs read them; read theirs.
+    Convert(command::convert::ConvertArgs),
     /// Send recorded captures through the present pipeline, and tell what changed.
     Replay(command::replay::ReplayArgs),
     /// Compare a run folder with its hashes, and recompute every number from its captures.
     Verify(command::verify::VerifyArgs),
+    /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
+    Serve(command::serve::ServeArgs),
+    /// Tokens that open a server's API.
+    Token(command::token::TokenArgs),
     /// Blind study of the diagnosis: effects hidden by the simulation, diagnosed without labels, scored.
     Study(command::study::StudyArgs),
 }
@@ -222,7 +228,7 @@ pub struct IdentifyArgs {
 /// Arguments of `fit`.
 #[derive(Debug, Args)]
 pub struct FitArgs {
-    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis' `freq,offset,resistance,theta`.
+    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis' `freq,offset,resistance,theta`, files of Gamry, EC-Lab, ZPlot, Autolab.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Leave out what is below this frequency, Hz.
@@ -289,10 +295,11 @@ pub fn main() -> ExitCode {
         Command::Investigate(args) => command::investigate::investigate(&args),
         Command::Effects(args) => command::effects::effects(&args),
         Command::Sop(args) => command::sop::sop(&args),
-        Command::Serve(args) => command::serve::serve(&args),
-        Command::Token(args) => command::token::token(&args),
+        Command::Convert(args) => command::convert::convert(&args),
         Command::Replay(args) => command::replay::replay(&args),
         Command::Verify(args) => command::verify::verify(&args),
+        Command::Serve(args) => command::serve::serve(&args),
+        Command::Token(args) => command::token::token(&args),
         Command::Study(args) => command::study::study(&args),
     };
     match result {
@@ -332,6 +339,7 @@ mod tests {
             "simulate",
             "serve",
             "pack",
+            "convert",
             "replay",
             "verify",
             "sop",

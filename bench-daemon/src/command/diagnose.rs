@@ -10,7 +10,9 @@ use analysis::{
 use super::{Failure, files};
 use crate::{
     dataset::{Loaded, read_dataset},
+    hash,
     next_experiment::{Setting, experiment_file},
+    sums::SUMS,
     terminal::say,
 };
 
@@ -26,7 +28,7 @@ pub struct DiagnoseArgs {
     /// The OCV curve, as `ocv --out` writes it (`ocv.json`), where the model file holds none or another is wanted.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
-    /// Write `diagnosis.json`, `diagnosis.md` with its pictures and, where effects were added, `model_augmented.json` into this folder.
+    /// Write `diagnosis.html`, `diagnosis.json`, `diagnosis.md` with its pictures and, where effects were added, `model_augmented.json` into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// The bench's file: with --cell and --out, the recommended run is written as `next_experiment.toml` for it.
@@ -98,13 +100,15 @@ pub(super) struct Judged {
     pub(super) loaded: Loaded,
     pub(super) model: BaseModel,
     file: ModelFile,
+    data: PathBuf,
+    path: PathBuf,
 }
 
 impl Judged {
     /// Reads both; the curve from `ocv` or the model file.
-    pub(super) fn read(data: &Path, model: &Path, ocv: Option<&Path>) -> Result<Self, Failure> {
-        let fail = |text: &str| Failure::Usage(format!("--model {}: {text}", model.display()));
-        let file = files::read_model(model)?;
+    pub(super) fn read(data: &Path, path: &Path, ocv: Option<&Path>) -> Result<Self, Failure> {
+        let fail = |text: &str| Failure::Usage(format!("--model {}: {text}", path.display()));
+        let file = files::read_model(path)?;
         let given = ocv.map(files::read_curve).transpose()?;
         let curve = given.or_else(|| file.ocv.clone());
         let ocv = curve.ok_or_else(|| fail("expected an OCV curve in it, found none; give one with --ocv"))?;
@@ -112,7 +116,7 @@ impl Judged {
             return Err(fail("expected a model without additions: the diagnosis starts from the extended Randles model alone"));
         }
         let model = BaseModel { name: file.name.clone(), erm: file.fit.erm.clone(), ocv };
-        Ok(Self { loaded: read_dataset(data)?, model, file })
+        Ok(Self { loaded: read_dataset(data)?, model, file, data: data.to_owned(), path: path.to_owned() })
     }
 
     /// The names of the cells that are to be judged, each by itself: a model is one cell's.
@@ -167,6 +171,32 @@ fn write_next(folder: &Path, outcome: &Outcome, judged: &Judged, (bench, cell): 
     files::write_text(folder, "next_experiment.toml", &experiment_file(next, &outcome.next_runs, &setting))
 }
 
+/// The diagnosis as one page of HTML, with what it takes to repeat it.
+fn page(outcome: &Outcome, judged: &Judged, pictures: &[report::Picture]) -> Result<String, Failure> {
+    let failed = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
+    let mut page = report::html(&outcome.diagnosis, pictures).map_err(|error| failed(&error))?;
+    let hashed = |path: &Path| {
+        let sum = if path.is_file() { hash::sha256_of(path).ok() } else { None };
+        format!("{}{}", path.display(), sum.map_or_else(String::new, |sum| format!(", SHA-256 {sum}")))
+    };
+    let dataset = judged.data.join("dataset.toml");
+    let data = if dataset.is_file() { dataset } else { judged.data.join(SUMS) };
+    let text = judged.file.to_json().map_err(|error| failed(&error))?;
+    page.provenance = vec![
+        ("program".to_owned(), format!("eis-bench {}", env!("CARGO_PKG_VERSION"))),
+        ("data".to_owned(), if data.is_file() { hashed(&data) } else { hashed(&judged.data) }),
+        ("model".to_owned(), hashed(&judged.path)),
+        ("seed".to_owned(), "none: the same files give the same diagnosis".to_owned()),
+        ("everything in numbers".to_owned(), "diagnosis.json beside this page".to_owned()),
+        ("to repeat it".to_owned(), format!("eis-bench diagnose {} --model {}", judged.data.display(), judged.path.display())),
+    ];
+    page.files = vec![("model".to_owned(), text)];
+    if let Ok(text) = std::fs::read_to_string(judged.data.join("dataset.toml")) {
+        page.files.push(("dataset.toml".to_owned(), text));
+    }
+    page.to_html().map_err(|error| failed(&error))
+}
+
 /// Report, pictures, and the augmented model where there is one.
 fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failure> {
     files::make_folder(folder)?;
@@ -177,6 +207,7 @@ fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failur
         files::write_picture(folder, &picture.name, |path| picture.drawing.write(path))?;
     }
     files::write_text(folder, "diagnosis.md", &report::markdown(d, &pictures))?;
+    files::write_text(folder, "diagnosis.html", &page(outcome, judged, &pictures)?)?;
     let additions = d.additions(concat!("eis-bench ", env!("CARGO_PKG_VERSION")));
     if let (Some(erm), Some(facts), false) = (&d.augmented, outcome.facts, additions.is_empty()) {
         let base = ModelFile { ocv: Some(judged.model.ocv.clone()), ..judged.file.clone() };

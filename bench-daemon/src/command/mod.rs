@@ -1,6 +1,7 @@
 //! What the command line does, one file per command.
 
 pub mod clear;
+pub mod convert;
 pub mod diagnose;
 pub mod doctor;
 pub mod effects;

@@ -50,7 +50,9 @@ impl Check<'_> {
                 ("file", table(&source)?, Some(source))
             }
             _ => {
-                return Err(self.complain(&field("segments"), "expected segments or a file of them, and not both, or pulses in their place"));
+                return Err(
+                    self.complain(&field("segments"), "expected segments or a file of them, and not both, or pulses in their place")
+                );
             }
         };
         if rows.is_empty() {
