@@ -1,12 +1,14 @@
 //! The one loop: steps of a checked plan → instruments → readings and records. Whoever drives it brings the bench into safe state afterwards,
 //! whatever the outcome.
 
+mod ahead;
 mod beside;
 mod crest;
 mod dc;
 mod entrance;
 mod error;
 mod gate;
+mod gate_bands;
 mod heed;
 mod leg;
 mod metered;
@@ -23,17 +25,19 @@ use analysis::{calibration::Correction, multisine::Line};
 use instruments::{
     clock::Clock,
     mock::plant::Fixture,
-    scope::Vertical,
+    scope::{Trigger, Vertical},
     supply4q,
-    units::{Amps, Volts},
+    units::{Amps, Seconds, Volts},
 };
 
 pub use beside::{Bend, Beside};
 pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
+pub use gate::Spent;
 pub(crate) use record::{Asked, Taken, analyse};
 pub use sine::SweepPoint;
+pub use trace::charge_of;
 
 use crate::{
     bench::{Bench, BenchError},
@@ -107,6 +111,16 @@ pub struct Executor<'a> {
     legs: leg::Legs,
     /// When the scope was stopped last, s.
     stopped_s: f64,
+    /// The point after the one in work, where the generator may go on to it.
+    next: Option<ahead::Next>,
+    /// The step that is in the journal before its turn.
+    announced: Option<usize>,
+    /// The generator has gone on.
+    ahead: Option<ahead::Ahead>,
+    /// Time per division and trigger that the scope was armed with last.
+    armed: Option<(Seconds, Trigger)>,
+    /// How long the last reading took, s.
+    watch_took_s: f64,
     /// Where the reset of the state of charge stands.
     reset: dc::Reset,
     /// What went into measuring points of the sweep again.
@@ -157,6 +171,11 @@ impl<'a> Executor<'a> {
             logger_ready: false,
             legs: leg::Legs::default(),
             stopped_s: 0.0,
+            next: None,
+            announced: None,
+            ahead: None,
+            armed: None,
+            watch_took_s: 0.0,
             reset: dc::Reset::default(),
             spent: gate::Spent::default(),
             chiller_runs: false,
@@ -182,8 +201,13 @@ impl<'a> Executor<'a> {
         let mut points: Vec<SweepPoint> = Vec::new();
         let mut fixture = Fixture::Cell;
         self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose { repeat } else { 0 };
-        self.spent = gate::Spent::default();
+        self.spent = gate::Spent::of(entrance.points.iter().map(|known| &known.point));
+        if matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc) {
+            // Where it ends, nothing is left of what traces have moved before.
+            self.charge_c = 0.0;
+        }
         self.reset = dc::Reset::default();
+        (self.announced, self.ahead, self.armed) = (None, None, None);
         for (index, step) in stage.steps.iter().enumerate() {
             if let Some(known) = entrance.point(index) {
                 points.push(known.point.clone());
@@ -194,14 +218,21 @@ impl<'a> Executor<'a> {
             self.heed(stage, (index, fixture)).await?;
             tracing::info!("step: {step}");
             let allowance = self.allowance(fixture, step);
-            self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string(), live: allowance.live })?;
-            self.recorder.event(&step.to_string())?;
+            if !self.was_announced(index) {
+                self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string(), live: allowance.live })?;
+                self.recorder.event(&step.to_string())?;
+            }
+            self.look_ahead((number, stage), index, |at, step| entrance.plays(stage, (at, step)));
             self.progress.begin(&stage.purpose.to_string(), step);
             self.interlock.begin(allowance, self.clock.machine_s());
             if let Step::Mount(other) = *step {
                 fixture = other;
             }
             match *step {
+                Step::Recheck { .. } if matches!(stage.purpose, Purpose::Multisine(_)) => {
+                    self.recheck_bands(stage, &mut points).await?;
+                    self.recorder.journal(Entry::Done { stage: number, step: index })?;
+                }
                 Step::Recheck { .. } => {
                     for at in self.recheck(fixture, stage, &mut points).await? {
                         // The later entry of a step counts.
@@ -210,7 +241,7 @@ impl<'a> Executor<'a> {
                     self.recorder.journal(Entry::Done { stage: number, step: index })?;
                 }
                 Step::Multisine(ref band) => {
-                    points.extend(self.multisine(band).await?);
+                    self.gated_band(band, &mut points).await?;
                     self.recorder.journal(Entry::Done { stage: number, step: index })?;
                 }
                 _ => {
@@ -230,6 +261,11 @@ impl<'a> Executor<'a> {
             self.idle = first.idle;
         }
         Ok(points)
+    }
+
+    /// Takes over from an earlier process: the cell that was in use, and the charge that traces have left in it, C.
+    pub fn take_over(&mut self, specimen: Option<Arc<Specimen>>, charge_c: f64) {
+        (self.specimen, self.charge_c) = (specimen, charge_c);
     }
 
     /// Plays one step; a sine gives a point.

@@ -99,6 +99,8 @@ pub struct Bench {
     pub guardian: Guardian,
     /// How a bath is held whose loop the daemon closes.
     pub thermostat: Thermostat,
+    /// What a run asks of the last look of the doctor.
+    pub doctor: Doctor,
 }
 
 impl Bench {
@@ -140,6 +142,15 @@ pub struct Thermostat {
     pub stale_s: f64,
     /// What the sensor shows too much, K.
     pub sensor_offset_k: f64,
+}
+
+/// What a run asks of the last report of `eis-bench doctor`.
+#[derive(Debug, Clone, Copy)]
+pub struct Doctor {
+    /// Without a valid report nothing is energised; else its want is remarked.
+    pub required: bool,
+    /// A report is valid for so long, s.
+    pub valid_for_s: f64,
 }
 
 /// The instruments by role.
@@ -209,6 +220,15 @@ pub struct Instrument {
     pub model: String,
     /// Where it is reached.
     pub address: Address,
+    /// What the identity of another model contains that is to be spoken to as this one all the same.
+    pub accept: Option<String>,
+}
+
+impl Instrument {
+    /// Whether it is to be spoken to as this model although it answers as another one.
+    pub fn accepts(&self, identity: &str) -> bool {
+        self.accept.as_deref().is_some_and(|text| !text.is_empty() && identity.contains(text))
+    }
 }
 
 /// Who changes the fixture.
@@ -369,6 +389,8 @@ pub struct Eis {
     pub steps_a: Vec<f64>,
     /// Each sweep goes there and back, and every point counts at the time in between.
     pub compensate_drift: bool,
+    /// The next point settles while the record of this one is fetched and analysed; where it is not said, in real time only.
+    pub overlap: Option<bool>,
     /// What a point must be to be kept without a flag, where it is asked for.
     pub quality: Option<Quality>,
 }

@@ -17,8 +17,8 @@ use instruments::{
 };
 
 use super::{
-    Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, limits, raw,
-    simulation,
+    Bench, Cell, ConfigError, Doctor, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, limits,
+    raw, simulation,
 };
 use crate::interlock::Limits;
 
@@ -171,6 +171,7 @@ fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
         state_folder,
         guardian: resolve_guardian(source, &raw.guardian)?,
         thermostat: simulation::thermostat(source, &raw.thermostat)?,
+        doctor: resolve_doctor(source, &raw.doctor)?,
     })
 }
 
@@ -197,6 +198,17 @@ fn resolve_guardian(source: &Source, raw: &raw::Guardian) -> Result<Guardian, Co
         lease_s: within("lease", raw.lease.map_or(GUARDIAN.0, |lease| lease.si), (1.0, 600.0))?,
         stall_s: within("stall", raw.stall.map_or(GUARDIAN.1, |stall| stall.si), (1.0, 600.0))?,
     })
+}
+
+/// A report of the doctor is valid for so long unless that is typed, s.
+const DOCTOR_VALID_S: f64 = 90.0 * 86_400.0;
+
+fn resolve_doctor(source: &Source, raw: &raw::Doctor) -> Result<Doctor, ConfigError> {
+    let valid_for_s = raw.valid_for.map_or(DOCTOR_VALID_S, |span| span.si);
+    if valid_for_s <= 0.0 {
+        return Err(source.complain("doctor.valid_for", format!("expected a duration above 0 s, found {valid_for_s} s")));
+    }
+    Ok(Doctor { required: raw.required, valid_for_s })
 }
 
 /// What the open jig may leak at most; the leak itself is anything from nothing to that.
@@ -308,7 +320,11 @@ fn known(source: &Source, field: &str, raw: &raw::Known) -> Result<KnownImpedanc
 
 fn resolve_instruments(source: &Source, raw: &raw::Instruments) -> Result<Instruments, ConfigError> {
     let resolve = |role: &str, instrument: &Option<raw::Instrument>, keys: &[&str]| {
-        instrument.as_ref().map(|raw| resolve_instrument(source, role, (&raw.model, &raw.address), keys)).transpose()
+        let resolve = |raw: &raw::Instrument| {
+            let resolved = resolve_instrument(source, role, (&raw.model, &raw.address), keys)?;
+            Ok(Instrument { accept: raw.accept.clone(), ..resolved })
+        };
+        instrument.as_ref().map(resolve).transpose()
     };
     let logger = raw
         .logger
@@ -325,7 +341,7 @@ fn resolve_instruments(source: &Source, raw: &raw::Instruments) -> Result<Instru
             if raw.ambient_channel == Some(raw.cell_channel) {
                 return Err(source.complain("instruments.logger.ambient_channel", "expected another channel than the cell's, or none"));
             }
-            Ok((instrument, raw.cell_channel, raw.ambient_channel))
+            Ok((Instrument { accept: raw.accept.clone(), ..instrument }, raw.cell_channel, raw.ambient_channel))
         })
         .transpose()?;
     let jig = raw.jig.as_ref().map(|raw| resolve_jig(source, raw)).transpose()?;
@@ -352,7 +368,7 @@ fn resolve_instrument(source: &Source, role: &str, (model, address): (&str, &str
         return Err(source.complain(&format!("instruments.{role}.model"), reason));
     }
     let address = address.parse().map_err(|error| source.complain(&format!("instruments.{role}.address"), format!("{error}")))?;
-    Ok(Instrument { model: model.to_owned(), address })
+    Ok(Instrument { model: model.to_owned(), address, accept: None })
 }
 
 fn resolve_jig(source: &Source, raw: &raw::Jig) -> Result<Jig, ConfigError> {

@@ -55,6 +55,7 @@ mod tests {
             time_s: 0.0,
             captures: 1,
             rechecked: 0,
+            spent: crate::executor::Spent::default(),
             measures: crate::quality::Measures::default(),
             failing: Vec::new(),
         };

@@ -123,6 +123,7 @@ mod tests {
             order: Order::Ascending,
             steps_a: vec![1.0],
             compensate_drift: false,
+            overlap: None,
             quality: None,
         };
         let limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
@@ -158,6 +159,7 @@ mod tests {
             order,
             steps_a: vec![1.0],
             compensate_drift,
+            overlap: None,
             quality: None,
         };
         let ordered = |order| frequencies(&SWEEP, &eis(order, false));

@@ -38,6 +38,9 @@ pub(super) fn stage((multisine, repeat): (&Multisine, usize), limits: &Limits, (
             record_points: multisine.record_points,
         })));
     }
+    if let Some(quality) = multisine.quality.filter(|quality| quality.again > 0) {
+        steps.push(Step::Recheck { max_s: quality.time_s, charge_c: quality.charge_c });
+    }
     steps.push(Step::PowerDown);
     Stage { purpose: Purpose::Multisine(repeat), steps }
 }

@@ -17,6 +17,8 @@ const GAP_S: f64 = 2.5;
 /// A frame between steps: long enough to roll, s.
 const SPOT_S: f64 = 1.0;
 const SPOT_POINTS: u64 = 2_000;
+/// A share of a step that rounding may make.
+const ROUNDING: f64 = 1.0e-6;
 /// Samples of a step of a wave, at least, and the records that there are.
 const SAMPLES_PER_STEP: f64 = 8.0;
 const WAVE_POINTS: [u64; 3] = [POINTS, 2 * POINTS, 5 * POINTS];
@@ -44,6 +46,7 @@ pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: Holds, 
         repeat_group: trace.repeat_group.clone(),
         through: trace.through,
         averaged: trace.averaged,
+        lead_ohm: trace.lead_ohm,
         rest_s: trace.rest_s,
         levels,
         frames,
@@ -90,7 +93,7 @@ fn levels(trace: &Trace) -> Vec<Level> {
 
 /// Time before the first row, s: whole steps of a wave.
 fn before_s(trace: &Trace) -> f64 {
-    if let Through::Wave { step_s, .. } = trace.through { (BEFORE_S / step_s).ceil() * step_s } else { BEFORE_S }
+    if let Through::Wave { step_s, .. } = trace.through { (BEFORE_S / step_s - ROUNDING).ceil() * step_s } else { BEFORE_S }
 }
 
 /// The frame that holds a whole wave, with as many points as its steps want.
@@ -151,6 +154,7 @@ mod tests {
             rest_s: 0.0,
             through: Through::Bipolar,
             averaged: None,
+            lead_ohm: 0.0,
             start_v: (3.6, 3.8),
             resistance_max_ohm: 0.03,
             segments: segments.iter().map(|&(current_a, duration_s)| Segment { current_a, duration_s, power_w: None }).collect(),

@@ -50,6 +50,17 @@ fn every_file_in_configs_is_sound() {
 }
 
 #[test]
+fn two_instruments_cannot_share_a_gpib_adapter() {
+    let bench = "benches/demo.toml";
+    let folder = altered(bench, "\"memory:generator\"", "\"gpib:tcp:10.0.0.9:1234/8\"");
+    let path = folder.path().join(bench);
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace("\"memory:scope\"", "\"gpib:tcp:10.0.0.9:1234/7\"")).unwrap();
+    let message = load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string();
+    assert!(message.contains("instruments.scope.address: expected a GPIB adapter of its own, found that of generator"), "{message}");
+}
+
+#[test]
 fn mistakes_are_named_with_file_line_and_field() {
     let experiment = "experiments/demo.toml";
     let bench = "benches/demo.toml";
@@ -72,6 +83,7 @@ fn mistakes_are_named_with_file_line_and_field() {
             "instruments.load.model: expected one of siglent-sdl1000x, rigol-dl3000, found \"siglent-sdl9\"",
         ),
         (bench, "\"memory:scope\"", "\"tcp:/scope\"", "instruments.scope.address: "),
+        (bench, "\"memory:scope\"", "\"vxi11:host:0/inst0\"", "instruments.scope.address: port: expected a number from 1 to 65535"),
         (bench, "\"9.96 mΩ\"", "\"9.96 mV\"", "wiring.shunt.resistance: expected a resistance with its unit"),
         (
             "experiments/accurate.toml",

@@ -3,7 +3,7 @@
 
 use instruments::{
     chiller,
-    generator::{self, Sine},
+    generator::{self, Sine, Wave},
     instrument::Instrument,
     load::{self, Discharge, Draw, Load},
     mock::{
@@ -13,7 +13,7 @@ use instruments::{
     scope::{self, Intent, Scope, Trigger, Vertical},
     scpi::decode::Terminator,
     supply::{self, Charge, Supply},
-    units::{Amps, Celsius, Hertz, Seconds, Volts},
+    units::{Amps, Celsius, Hertz, Seconds, Volts, Watts},
 };
 
 use crate::{
@@ -304,5 +304,60 @@ fn the_larger_load_answers_its_own_ranges_and_a_limit_left_low_is_lifted() {
                 assert_eq!(loads(&rig).last().unwrap().current_a, current, "its own limit does not hold it back");
             }
         }
+    });
+}
+
+#[test]
+fn a_wave_is_sent_as_text_played_at_its_rate_and_never_with_a_sines_amplitude() {
+    in_virtual_time(async |clock| {
+        let rig = Rig::new(clock, "keysight-33500b");
+        let dialect = dialect!(generator, "keysight-33500b");
+        let mut generator = Instrument::new(rig.link(dialect.profile()).await, dialect);
+        generator.output(false).await.unwrap();
+        generator.quiet(Volts(-0.28)).await.unwrap();
+        generator.output(true).await.unwrap();
+        let steps: Vec<f64> = (0..1024).map(|k| f64::from(k) / 512.0 - 1.0).collect();
+        let wave = Wave { name: "eis1".to_owned(), steps: steps.clone(), freq: Hertz(0.5), amplitude: Volts(0.75), offset: Volts(-0.28) };
+        let before = rig.actions().len();
+        // Twice: a name that is there already must not be in the way.
+        for _ in 0..2 {
+            generator.wave(&wave).await.unwrap();
+        }
+        let shape = rig.shape().unwrap();
+        assert_eq!(shape.len(), 1024);
+        assert!(shape.iter().zip(&steps).all(|(met, step)| (met - step).abs() < 1.0 / 32_767.0));
+        let state = |action: &Action| if let Action::Generator(state) = action { *state } else { panic!("{action:?}") };
+        let states: Vec<GeneratorState> = rig.actions()[before..].iter().map(state).collect();
+        let last = states.last().unwrap();
+        assert!(
+            (last.freq_hz - 0.5).abs() < 1.0e-9 && (last.amplitude_v - 0.75).abs() < 1.0e-9 && (last.offset_v + 0.28).abs() < 1.0e-9,
+            "{last:?}"
+        );
+        assert!(
+            states.iter().all(|state| state.freq_hz < 1.0 || state.amplitude_v < 0.0011),
+            "a sine with the wave's amplitude: {states:?}"
+        );
+        generator.quiet(Volts(-0.28)).await.unwrap();
+        assert!(rig.shape().is_none());
+        let short = Wave { steps: vec![0.0; 4], ..wave };
+        let refused = generator.wave(&short).await.unwrap_err().to_string();
+        assert!(refused.contains("expected 8 to 65536 finite steps, found 4"), "{refused}");
+    });
+}
+
+#[test]
+fn a_load_draws_a_power_and_changes_its_level_while_it_draws() {
+    in_virtual_time(async |clock| {
+        let rig = Rig::new(clock, "rigol-dl3000");
+        let mut load = load(&rig).await;
+        load.prepare(&Discharge { draw: Draw::Power(Watts(40.0)), stop_below: Volts(2.75) }).await.unwrap();
+        load.energise().await.unwrap();
+        load.level(Draw::Power(Watts(25.0))).await.unwrap();
+        assert_eq!(*loads(&rig).last().unwrap(), LoadState { input_on: true, current_a: 0.0, min_voltage_v: 2.75, power_w: Some(25.0) });
+        let refused = load.level(Draw::Power(Watts(250.0))).await.unwrap_err().to_string();
+        assert_eq!(refused, "dev: `:SOUR:POW:LEV:IMM 250.000` was refused: -222, Data out of range");
+        load.prepare(&Discharge { draw: Draw::Current(Amps(6.0)), stop_below: Volts(2.75) }).await.unwrap();
+        load.level(Draw::Current(Amps(2.0))).await.unwrap();
+        assert_eq!(*loads(&rig).last().unwrap(), LoadState { input_on: false, current_a: 2.0, min_voltage_v: 2.75, power_w: None });
     });
 }
