@@ -30,5 +30,6 @@ pub mod series;
 pub mod sine;
 pub mod sop;
 pub mod spectrum;
+pub mod staircase;
 pub mod thinning;
 pub mod validity;

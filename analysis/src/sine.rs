@@ -23,10 +23,12 @@ mod residual;
 mod result;
 mod sample;
 mod solve;
+mod stored;
 mod table;
 
 pub use error::SineError;
 pub use result::{ChannelFit, Distortion, LeftOut, Note, Phasor, SineFit, Tone, ToneKind};
+pub use stored::{Samples, Stored};
 
 /// Fewest periods in a record that a fit accepts: below, sine, offset and drift cannot be told apart reliably.
 pub const MIN_PERIODS: f64 = 1.4;
@@ -43,7 +45,7 @@ pub struct Record<'a> {
     pub interval_s: f64,
 }
 
-/// Samples of one channel, borrowed as they are.
+/// Samples of one channel, borrowed as they are, or read from where they are kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Channel<'a> {
     /// Volts.
@@ -62,6 +64,8 @@ pub enum Channel<'a> {
         /// What they mean.
         scale: CodeScale,
     },
+    /// Samples that are kept elsewhere: read by pieces, whenever they are summed over, so that a record may be larger than the memory.
+    Stored(Stored<'a>),
 }
 
 impl<'a> Channel<'a> {
@@ -80,6 +84,7 @@ impl<'a> Channel<'a> {
         match self {
             Self::Volts { samples, .. } => samples.len(),
             Self::Codes { codes, .. } => codes.len(),
+            Self::Stored(stored) => stored.count,
         }
     }
 

@@ -1,6 +1,8 @@
 //! What is around a run on a bench with instruments outside this process: the lock, the latch, and the guardian. A bench that is simulated in this
 //! process has none of them.
 
+mod aftermath;
+
 use std::path::Path;
 
 use instruments::clock::Clock;
@@ -10,20 +12,34 @@ use crate::{
     command::Failure,
     config::{self, Experiment},
     executor::ExecuteError,
-    guardian::{Charge, GuardianError, Keeper},
+    guardian::{Charge, GuardianError, Keeper, wait_for_earlier},
     hash,
     progress::Doing,
     state::{Latched, Lock, State, StateError},
 };
 
-/// Refuses a bench that is latched or run by somebody else, before anything is made for a run.
+/// Refuses a bench that is latched or run by somebody else, before anything is made for a run, and settles what a run has left that died together with
+/// its guardian.
 ///
 /// # Errors
-/// [`StateError::Latched`], [`StateError::Busy`].
-pub fn refuse(bench: &config::Bench) -> Result<(), StateError> {
+/// [`StateError::Latched`], [`StateError::Busy`]; a bench that cannot be switched off.
+pub fn refuse(bench: &config::Bench) -> Result<(), Failure> {
     let Some(state) = State::of(bench)? else { return Ok(()) };
     state.refuse_latched()?;
-    state.refuse_busy()
+    state.refuse_busy()?;
+    let Some(open) = state.open_run()? else { return Ok(()) };
+    let _lock = state.lock(&open.holder.run)?;
+    Clock::runtime(bench.time())?.block_on(async {
+        let clock = Clock::start(bench.time());
+        left(bench, &state, &clock).await
+    })
+}
+
+/// What an earlier run has left, once its guardian is done, which may latch the bench.
+async fn left(bench: &config::Bench, state: &State, clock: &Clock) -> Result<(), Failure> {
+    wait_for_earlier(state, clock).await?;
+    state.refuse_latched()?;
+    aftermath::settle(bench, state, clock).await
 }
 
 /// A bench that this process runs.
@@ -41,31 +57,33 @@ struct Around {
 }
 
 impl Custody {
-    /// Locks the bench, refuses a latched one, and starts the guardian. Nothing was connected to before, and no output is on.
+    /// Locks the bench, refuses a latched one, starts the guardian, and says that outputs may be on from here on. Nothing was connected to before, and no
+    /// output is on.
     ///
     /// # Errors
     /// A bench that is run by somebody else or latched; a guardian that cannot reach its instruments.
     pub async fn take(experiment: &Experiment, run: &Path, (clock, doing): (&Clock, &Doing)) -> Result<Self, Failure> {
-        let Some(state) = State::of(&experiment.bench)? else { return Ok(Self { around: None, clock: clock.clone() }) };
-        let run = std::path::absolute(run)?;
-        let lock = state.lock(&run)?;
-        state.refuse_latched()?;
-        if let Some(before) = state.unsettled() {
-            let text = format!(
-                "the guardian of {before} ended without having switched the bench off: outputs may have been on until now; look at the cell"
-            );
-            remark!("{text}");
-            tracing::warn!("{text}");
-        }
         let limits = &experiment.cell.limits;
         let source = experiment.sources.iter().find(|source| source.path() == experiment.bench.path);
         let sha256 = source.map_or_else(String::new, |source| hash::sha256(source.text()));
-        let charge = Charge { bench: &experiment.bench, run: &run, window_v: (limits.min_v, limits.max_v), sha256 };
-        let keeper = Keeper::start(&charge, &state, (clock, doing)).await?;
-        // The guardian of an earlier run may have found something meanwhile.
-        if let Err(latched) = state.refuse_latched() {
+        Self::take_for(&Charge { bench: &experiment.bench, run, window_v: (limits.min_v, limits.max_v), sha256 }, (clock, doing)).await
+    }
+
+    /// The same for whatever is written into `charge.run`.
+    ///
+    /// # Errors
+    /// As [`Custody::take`].
+    pub async fn take_for(charge: &Charge<'_>, (clock, doing): (&Clock, &Doing)) -> Result<Self, Failure> {
+        let Some(state) = State::of(charge.bench)? else { return Ok(Self { around: None, clock: clock.clone() }) };
+        let run = std::path::absolute(charge.run)?;
+        let lock = state.lock(&run)?;
+        state.refuse_latched()?;
+        left(charge.bench, &state, clock).await?;
+        let charge = Charge { bench: charge.bench, run: &run, window_v: charge.window_v, sha256: charge.sha256.clone() };
+        let keeper = Keeper::start(&charge, (clock, doing)).await?;
+        if let Err(error) = state.begin(&run) {
             keeper.dismiss(clock).await;
-            return Err(latched.into());
+            return Err(error.into());
         }
         Ok(Self { around: Some(Around { state, keeper, run, doing: doing.clone(), _lock: lock }), clock: clock.clone() })
     }
@@ -82,16 +100,21 @@ impl Custody {
     /// connections must be closed.
     pub async fn end<T>(self, outcome: Result<T, Failure>) -> Result<T, Failure> {
         let Some(Around { state, keeper, run, doing, _lock }) = self.around else { return outcome };
-        if let Some(latched) = outcome.as_ref().err().and_then(cause)
-            && let Err(error) = state.latch(&latched.during(&run, &doing.now().step))
-        {
-            tracing::error!("{error}");
+        let mut latched = Ok(());
+        if let Some(cause) = outcome.as_ref().err().and_then(cause) {
+            latched = state.latch(&cause.during(&run, &doing.now().step));
         }
         if matches!(outcome, Err(Failure::Unsafe { .. })) {
             tracing::warn!("the guardian, process {}, goes on trying; {}", keeper.pid(), state.path("guardian.log").display());
             keeper.hand_over();
         } else {
             keeper.dismiss(&self.clock).await;
+            // A bench that could not be latched stays that of an open run: the next one latches it.
+            latched = latched.and_then(|()| state.settled());
+        }
+        if let Err(error) = latched {
+            remark!("eis-bench: {error}");
+            tracing::error!("{error}");
         }
         outcome
     }

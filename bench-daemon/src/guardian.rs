@@ -23,7 +23,7 @@ use nix::{
 use serde::Serialize;
 use tokio::sync::mpsc::UnboundedReceiver;
 
-pub use keeper::{GuardianError, Keeper};
+pub use keeper::{GuardianError, Keeper, wait_for_earlier};
 
 use crate::{
     bench::{Bench, BenchError, Connections, Identified},
@@ -109,6 +109,8 @@ struct Watch<'a> {
     /// The cell is in the jig, as far as is known.
     cell: bool,
     words: UnboundedReceiver<String>,
+    /// How the last attempt to latch the bench ended.
+    latched: Option<Result<(), StateError>>,
     _place: crate::state::Lock,
 }
 
@@ -151,7 +153,7 @@ impl<'a> Watch<'a> {
             report.daemon,
             charge.bench.name
         );
-        Ok(Self { charge, clock: clock.clone(), state, connections, report, cell: false, words: words(), _place: place })
+        Ok(Self { charge, clock: clock.clone(), state, connections, report, cell: false, words: words(), latched: None, _place: place })
     }
 
     async fn keep(mut self) -> Result<(), GuardianError> {
@@ -248,15 +250,19 @@ impl<'a> Watch<'a> {
                 Err(error) => tracing::warn!("{error}"),
             }
         }
-        // The load's leads see the cell itself.
-        let volts = ["load", "supply4q"].iter().find_map(|role| self.report.read_back.get(role)).map(|(volts, _)| *volts);
+        // The load's leads see the cell itself. What cannot be read any more may be anything.
+        let volts = ["load", "supply4q"].iter().find_map(|role| self.report.read_back.get(role)).map_or(f64::NAN, |(volts, _)| *volts);
         let (least, greatest) = self.charge.window_v;
-        if let Some(value) = volts.filter(|volts| self.cell && !(least..=greatest).contains(volts)) {
+        if let Some(value) = Some(volts).filter(|volts| self.cell && !(least..=greatest).contains(volts)) {
             let what = "cell voltage, found by the guardian after it had switched off,";
             let trip = Trip::Limit { what, value, unit: "V", least, greatest, time_s: self.clock.now_s() };
             self.latch(Latched::of_trip("guardian", &trip));
         }
         self.note("verified");
+        // After the latch: where that could not be written, the run stays open.
+        if let Err(error) = self.latched.take().unwrap_or(Ok(())).and_then(|()| self.state.settled()) {
+            tracing::error!("{error}");
+        }
         Ok(self.state.remember(&serde_json::json!({ "what": "switched off by the guardian", "report": self.report }))?)
     }
 
@@ -264,10 +270,12 @@ impl<'a> Watch<'a> {
         self.report.cause.unwrap_or_default()
     }
 
-    fn latch(&self, trip: Latched) {
-        if let Err(error) = self.state.latch(&trip.during(self.charge.run, &self.report.step)) {
+    fn latch(&mut self, trip: Latched) {
+        let latched = self.state.latch(&trip.during(self.charge.run, &self.report.step));
+        if let Err(error) = &latched {
             tracing::error!("{error}");
         }
+        self.latched = Some(latched);
     }
 
     fn tell(&mut self, status: &'static str) -> Result<(), GuardianError> {

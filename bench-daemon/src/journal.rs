@@ -7,7 +7,7 @@
 //! Not here: what follows from the entries for a run that goes on ([`crate::story`]).
 
 use std::{
-    fs::{File, OpenOptions},
+    fs::{File, OpenOptions, TryLockError},
     io::{self, Write},
     path::{Path, PathBuf},
 };
@@ -71,6 +71,8 @@ pub enum Entry {
         step: usize,
         /// The step in words.
         text: String,
+        /// Current may flow in it.
+        live: bool,
     },
     /// A step was done.
     Done {
@@ -273,6 +275,7 @@ impl Journal {
             return Err(self.error("cannot be written")(io::Error::other("a write before this one has failed")));
         }
         self.broken = true;
+        self.drill.room(JOURNAL).map_err(self.error("cannot be written"))?;
         let line = Line { number: self.next, time_s: (self.clock.now_s() * 1.0e3).round() / 1.0e3, entry };
         let text = text_of(&line).map_err(|error| self.error("cannot be put into JSON")(io::Error::other(error)))?;
         self.file.write_all(text.as_bytes()).and_then(|()| self.file.flush()).map_err(self.error("cannot be written"))?;
@@ -286,6 +289,27 @@ impl Journal {
         let path = self.path.clone();
         move |source| JournalError::Io { path: path.clone(), what, source }
     }
+}
+
+/// Whether a process writes into the journal of a run folder at present: the system takes its lock back when it ends, however it ends.
+pub fn is_written(folder: &Path) -> bool {
+    let blocked = |file: File| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
+    File::open(folder.join(JOURNAL)).is_ok_and(blocked)
+}
+
+/// Keeps everybody from going on with a run folder as long as what is returned is held.
+///
+/// # Errors
+/// A journal that a process writes into.
+pub fn hold(folder: &Path) -> Result<File, JournalError> {
+    let path = folder.join(JOURNAL);
+    let error = |what| {
+        let path = path.clone();
+        move |source| JournalError::Io { path: path.clone(), what, source }
+    };
+    let file = File::open(&path).map_err(error("cannot be opened"))?;
+    file.try_lock().map_err(|blocked| error("is in use by another process")(blocked.into()))?;
+    Ok(file)
 }
 
 fn durable(file: File, clock: &Clock) -> Box<dyn Durable> {

@@ -67,6 +67,13 @@ pub fn log_to(path: &Path, clock: &Clock) -> io::Result<()> {
     Ok(())
 }
 
+/// From now on the log goes to the terminal only.
+pub fn log_off() {
+    if let Ok(mut log) = RUN_LOG.lock() {
+        *log = None;
+    }
+}
+
 struct BenchTime;
 
 impl FormatTime for BenchTime {

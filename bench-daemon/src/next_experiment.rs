@@ -162,6 +162,7 @@ mod tests {
             separates: vec!["inductance", "time_skew"],
             separation_sigma: 12.34,
             separation_now_sigma: 0.5,
+            settles: true,
             duration_min: 42.0,
             charge_ah: 1.25,
         };

@@ -3,7 +3,7 @@
 //! A number counts against a point only where noise does not explain it, so that a quiet limit on a noisy bench names the noise and nothing else.
 
 use analysis::{
-    sine::{self, Channel, FitOptions, Record, SineFit, Tone, ToneKind},
+    sine::{self, Channel, FitOptions, Record, SineFit, Stored, Tone, ToneKind},
     spectrum::{ChannelPhasors, ImpedancePoint, PhasorVariance, raw_impedance},
     validity::{Drift, DriftShape},
 };
@@ -232,6 +232,7 @@ fn part<'a>(channel: &Channel<'a>, range: std::ops::Range<usize>) -> Channel<'a>
     match *channel {
         Channel::Volts { samples, lsb_v, range_v } => Channel::Volts { samples: &samples[range], lsb_v, range_v },
         Channel::Codes { codes, scale } => Channel::Codes { codes: &codes[range], scale },
+        Channel::Stored(stored) => Channel::Stored(Stored { start: stored.start + range.start, count: range.len(), ..stored }),
     }
 }
 

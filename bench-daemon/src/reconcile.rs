@@ -27,16 +27,27 @@ pub struct Found {
 /// # Errors
 /// The first instrument that does not answer.
 pub async fn look(bench: &mut Bench) -> Result<Vec<Found>, BenchError> {
-    let mut found = Vec::new();
+    look_each(bench).await.into_iter().collect()
+}
+
+/// The same, each by itself: one that does not answer does not keep the others from being looked at. What is not connected is connected to.
+pub async fn look_each(bench: &mut Bench) -> Vec<Result<Found, BenchError>> {
+    let mut all = Vec::new();
     macro_rules! look {
         ($role:literal, $field:ident, $measure:expr) => {
             let error = bench.error($role);
             if let Some(instrument) = bench.$field.as_mut() {
-                let answers = instrument.look().await.map_err(&error)?;
-                let off = answers.iter().all(|answer| answer.as_scripted);
-                #[allow(clippy::redundant_closure_call, reason = "only some roles measure")]
-                let (volts, amps) = $measure(instrument).await.map_err(&error)?;
-                found.push(Found { role: $role.to_owned(), off, answers, volts, amps });
+                let found = async {
+                    if instrument.link_mut().is_dropped() {
+                        instrument.link_mut().reconnect().await?;
+                    }
+                    let answers = instrument.look().await?;
+                    let off = answers.iter().all(|answer| answer.as_scripted);
+                    #[allow(clippy::redundant_closure_call, reason = "only some roles measure")]
+                    let (volts, amps) = $measure(instrument).await?;
+                    Ok(Found { role: $role.to_owned(), off, answers, volts, amps })
+                };
+                all.push(found.await.map_err(&error));
             }
         };
     }
@@ -50,7 +61,7 @@ pub async fn look(bench: &mut Bench) -> Result<Vec<Found>, BenchError> {
     look!("supply", supply, async |i: &mut instruments::supply::Supply| {
         i.measure().await.map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
     });
-    Ok(found)
+    all
 }
 
 impl std::fmt::Display for Found {

@@ -8,7 +8,9 @@
 //! `model_Nrc.json` · `plots/` · `report.html` · `transcripts/` every message · `log.txt` · `journal.jsonl` what was intended and what was done, from
 //! which a run that died goes on.
 
+mod measured;
 mod names;
+mod notes;
 mod reopen;
 
 use std::{
@@ -17,13 +19,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use analysis::{
-    dataset::{self, Capture, DatasetError, LegRow, RunIndex, SeriesRow, SweepEntry, TraceEntry, TraceRow},
-    spectrum::ImpedancePoint,
-};
-use instruments::{clock::Clock, mock::plant::Fixture, scope::Waveform, transcript::Tap};
+use analysis::dataset::{self, DatasetError, RunIndex, SeriesRow};
+use instruments::{clock::Clock, transcript::Tap};
 use serde::Serialize;
 
+pub use measured::CaptureFile;
 pub use names::sweep_name;
 pub(crate) use names::{capture_of, code_scale};
 
@@ -51,7 +51,7 @@ pub enum RecordError {
         source: std::io::Error,
     },
     /// A table.
-    #[error(transparent)]
+    #[error("{}", with_causes(.0))]
     Dataset(#[from] DatasetError),
     /// The journal.
     #[error(transparent)]
@@ -74,25 +74,6 @@ pub enum RecordError {
     },
 }
 
-/// Which capture it is.
-#[derive(Debug, Clone, Copy)]
-pub struct CaptureFile {
-    /// What was in the jig.
-    pub fixture: Fixture,
-    /// Number of the sweep, 0 for a control.
-    pub repeat: usize,
-    /// Number of the point, from 0.
-    pub index: usize,
-    /// Number of the attempt, from 0: later ones after a change of range.
-    pub attempt: usize,
-    /// Frequency, Hz.
-    pub freq_hz: f64,
-    /// Commanded amplitude of the current, A.
-    pub amplitude_a: f64,
-    /// Bench time when it was downloaded, s.
-    pub start_s: f64,
-}
-
 /// A run folder.
 pub struct Recorder {
     folder: PathBuf,
@@ -101,6 +82,8 @@ pub struct Recorder {
     drill: Drill,
     /// Captures of the point in work, with their SHA-256.
     fresh: Vec<(String, String)>,
+    /// The conversations that are being written.
+    taps: Vec<(PathBuf, Tap)>,
     events: BufWriter<File>,
     readings: BufWriter<File>,
     series: Vec<SeriesRow>,
@@ -134,6 +117,7 @@ impl Recorder {
             journal,
             drill: Drill::none(),
             fresh: Vec::new(),
+            taps: Vec::new(),
             events,
             readings,
             series: Vec::new(),
@@ -163,17 +147,30 @@ impl Recorder {
     ///
     /// # Errors
     /// A file that cannot be made.
-    pub fn tap(&self, role: &str) -> Result<Tap, RecordError> {
-        let path = self.path("transcripts").join(format!("{role}.txt"));
+    pub fn tap(&mut self, role: &str) -> Result<Tap, RecordError> {
+        let name = format!("transcripts/{role}.txt");
+        let path = self.path(&name);
         let file = File::options().append(true).create(true).open(&path).map_err(io(&path, "cannot be made"))?;
-        Ok(Tap::new(self.drill.transcript(BufWriter::new(file))))
+        let tap = Tap::new(self.drill.transcript(BufWriter::new(file), name));
+        self.taps.push((path, tap.clone()));
+        Ok(tap)
     }
 
-    /// Writes an entry into the journal; it is on disk when this returns.
+    /// Whether there is room for a file; see [`Drill::room`].
+    fn room(&self, name: &str) -> Result<(), RecordError> {
+        self.drill.room(name).map_err(io(&self.path(name), "cannot be written"))
+    }
+
+    /// Writes an entry into the journal; it is on disk when this returns. Nothing is begun whose conversation cannot be written down.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// A file that cannot be written, a transcript since the last step included.
     pub fn journal(&mut self, entry: Entry) -> Result<(), RecordError> {
+        if matches!(entry, Entry::Intent { .. }) {
+            for (path, tap) in &self.taps {
+                tap.take_error().map_or(Ok(()), |source| Err(io(path, "cannot be written")(source)))?;
+            }
+        }
         Ok(self.journal.write(entry)?)
     }
 
@@ -192,6 +189,7 @@ impl Recorder {
     /// A file that cannot be written.
     pub fn event(&mut self, text: &str) -> Result<(), RecordError> {
         let row = format!("{:.3},\"{}\"", self.clock.now_s(), text.replace('"', "'"));
+        self.room("events.csv")?;
         line(&mut self.events, &self.folder.join("events.csv"), &row)
     }
 
@@ -214,6 +212,7 @@ impl Recorder {
             current_a: reading.current_a.unwrap_or(f64::NAN),
             temperature_c: reading.temperature_c.unwrap_or(f64::NAN),
         });
+        self.room("readings.csv")?;
         line(&mut self.readings, &self.folder.join("readings.csv"), &row)
     }
 
@@ -222,103 +221,8 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn finish_readings(&self) -> Result<(), RecordError> {
+        self.room("readings.parquet")?;
         Ok(dataset::write_series_parquet(&self.path("readings.parquet"), &self.series)?)
-    }
-
-    /// Writes the raw codes of a point, whole and before anything is made of them.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn capture(&mut self, file: &CaptureFile, waveforms: &[Waveform; 4]) -> Result<(), RecordError> {
-        let name = sweep_name(file.fixture, file.repeat);
-        let label = format!("{name} point {} attempt {} at {} A", file.index + 1, file.attempt + 1, file.amplitude_a);
-        let again = if file.attempt == 0 { String::new() } else { format!("_again{}", file.attempt) };
-        let point = format!("point{:02}_{:.6}Hz{again}", file.index + 1, file.freq_hz);
-        self.write_capture(&name, &point, &capture_of(label, file.freq_hz, file.start_s, waveforms))?;
-        if file.attempt == 0 {
-            self.fresh.clear();
-        }
-        let relative = format!("captures/{name}/{point}.parquet");
-        let sha256 = reopen::sha256_of(&self.path(&relative))?;
-        self.fresh.push((relative, sha256));
-        Ok(())
-    }
-
-    /// Writes the raw codes of any frame, whole, into a folder of `captures`.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn write_capture(&self, folder: &str, name: &str, capture: &Capture) -> Result<(), RecordError> {
-        let folder = self.path("captures").join(folder);
-        fs::create_dir_all(&folder).map_err(io(&folder, "cannot be made"))?;
-        Ok(dataset::write_capture(&folder.join(format!("{name}.parquet")), capture)?)
-    }
-
-    /// Writes a trace and enters it into the index.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn trace(&mut self, entry: TraceEntry, rows: &[TraceRow]) -> Result<(), RecordError> {
-        dataset::write_trace_csv(&self.path(&entry.file), rows)?;
-        self.index.traces.push(entry);
-        self.json(INDEX, &self.index)
-    }
-
-    /// Writes the readings of legs, whole or not at all.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn legs(&self, name: &str, rows: &[LegRow]) -> Result<(), RecordError> {
-        Ok(dataset::write_legs_csv(&self.path(name), rows)?)
-    }
-
-    /// Takes a sweep that is not finished out of the index: its entry was written, but not its end in the journal.
-    pub fn forget_sweep(&mut self, file: &str) {
-        self.index.sweeps.retain(|entry| entry.file != file);
-    }
-
-    /// Enters a sweep whose file is whole into the index.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn sweep(&mut self, entry: SweepEntry) -> Result<(), RecordError> {
-        self.index.sweeps.push(entry);
-        self.json(INDEX, &self.index)
-    }
-
-    /// Names the cell that the index is about.
-    pub fn about(&mut self, cell: &str, capacity_c: f64) {
-        (self.index.cell, self.index.capacity_c) = (cell.to_owned(), capacity_c);
-    }
-
-    /// How many sweeps and traces the index holds.
-    pub fn measured(&self) -> usize {
-        self.index.sweeps.len() + self.index.traces.len()
-    }
-
-    /// The index of what was measured.
-    pub fn index(&self) -> &RunIndex {
-        &self.index
-    }
-
-    /// Appends a point to a spectrum; it is on disk when this returns.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn spectrum_point(&self, name: &str, point: &ImpedancePoint) -> Result<(), RecordError> {
-        let path = self.path(name);
-        if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
-        }
-        Ok(dataset::append_spectrum_csv(&path, point)?)
-    }
-
-    /// Writes a spectrum again, whole or not at all, in the place of the points that were appended as they came.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn spectrum(&self, name: &str, points: &[ImpedancePoint]) -> Result<(), RecordError> {
-        Ok(dataset::write_spectrum_csv(&self.path(name), points)?)
     }
 
     /// Writes a structure as JSON, whole or not at all.
@@ -326,6 +230,7 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn json<T: Serialize>(&self, name: &str, value: &T) -> Result<(), RecordError> {
+        self.room(name)?;
         let path = self.path(name);
         let mut text = serde_json::to_string_pretty(value).map_err(|error| RecordError::Io {
             path: path.clone(),
@@ -341,43 +246,15 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn text(&self, name: &str, text: &str) -> Result<(), RecordError> {
+        self.room(name)?;
         Ok(dataset::write_atomically(&self.path(name), text.as_bytes())?)
     }
+}
 
-    /// Remembers something odd for the report.
-    pub fn warning(&mut self, text: &str) {
-        if self.warnings.iter().any(|known| known == text) {
-            return;
-        }
-        // A folder that cannot be written ends the run at the next record; the warning itself is not worth it.
-        let noted = self.journal(Entry::Note { text: text.to_owned() });
-        if let Err(error) = noted.and_then(|()| self.event(&format!("note: {text}"))) {
-            tracing::error!("{error}");
-        }
-        self.warnings.push(text.to_owned());
-    }
-
-    /// Remembers something odd about a point of a sweep; what was odd about several is said once.
-    pub fn point_warning(&mut self, sweep: &str, freq_hz: f64, text: &str) {
-        if let Err(error) = self.event(&format!("note: {sweep}, {freq_hz:.4} Hz: {text}")) {
-            tracing::error!("{error}");
-        }
-        self.known_point_warning(sweep, freq_hz, text);
-    }
-
-    /// As [`Self::point_warning`], for a point whose event was written when it was measured.
-    pub fn known_point_warning(&mut self, sweep: &str, freq_hz: f64, text: &str) {
-        match self.point_warnings.iter_mut().find(|(known, _)| known == text) {
-            Some((_, points)) => points.push((sweep.to_owned(), freq_hz)),
-            None => self.point_warnings.push((text.to_owned(), vec![(sweep.to_owned(), freq_hz)])),
-        }
-    }
-
-    /// What was odd.
-    pub fn warnings(&self) -> Vec<String> {
-        let points = self.point_warnings.iter().map(|(text, points)| format!("{}: {text}", names::places(points)));
-        points.chain(self.warnings.iter().cloned()).collect()
-    }
+/// An error and what has caused it, which is what a person can mend.
+pub(crate) fn with_causes(error: &dyn std::error::Error) -> String {
+    let causes = std::iter::successors(error.source(), |cause| cause.source());
+    causes.fold(error.to_string(), |text, cause| format!("{text}: {cause}"))
 }
 
 fn create(path: &Path) -> Result<BufWriter<File>, RecordError> {
@@ -391,22 +268,4 @@ fn line(writer: &mut BufWriter<File>, path: &Path, text: &str) -> Result<(), Rec
 fn io(path: &Path, what: &'static str) -> impl Fn(std::io::Error) -> RecordError + use<> {
     let path = path.to_owned();
     move |source| RecordError::Io { path: path.clone(), what, source }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_odd_about_several_points_is_said_once() {
-        let folder = tempfile::tempdir().unwrap();
-        let clock = Clock::start(instruments::clock::TimeMode::Real);
-        let mut recorder = Recorder::create(&folder.path().join("run"), clock).unwrap();
-        recorder.warning("of the run");
-        for (sweep, freq_hz, text) in [("shunt", 1.0, "odd"), ("shunt", 1.0, "other"), ("cell", 1.0, "odd")] {
-            recorder.point_warning(sweep, freq_hz, text);
-        }
-        let said = ["shunt, 1.0000 Hz; cell, 1.0000 Hz: odd", "shunt, 1.0000 Hz: other", "of the run"];
-        assert_eq!(recorder.warnings(), said);
-    }
 }

@@ -1,6 +1,9 @@
 //! The simulated bench: one world of `fixtures`, and behind each configured address a mock that looks at it.
 
+mod ports;
+
 use std::{
+    collections::BTreeMap,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
 };
@@ -8,9 +11,11 @@ use std::{
 use fixtures::{Scenario, SimulatedBench};
 use instruments::{
     clock::Clock,
-    mock::{self, FaultLog, Happened, MockOptions, Schedule, plant::SharedPlant},
+    mock::{self, FaultLog, Happened, MockOptions, Schedule, plant::SharedPlant, quirks::Quirks},
     transport::{Address, MemoryHub},
 };
+
+pub use ports::{Over, Transport};
 
 use crate::config::{Bench, ConfigError, Source};
 
@@ -52,6 +57,7 @@ pub struct Simulation {
     world: Arc<Mutex<SimulatedBench>>,
     faults: Option<Schedule>,
     happened: FaultLog,
+    quirks: BTreeMap<&'static str, Quirks>,
 }
 
 /// Where a mock listens.
@@ -81,13 +87,19 @@ impl Simulation {
     pub fn of(source: &Source, seed: u64) -> Result<Self, SimError> {
         let scenario: Scenario = source.parse()?;
         let world = SimulatedBench::new(&scenario, seed).map_err(|error| source.complain(&error.field, error.to_string()))?;
-        Ok(Self { world: Arc::new(Mutex::new(world)), faults: None, happened: FaultLog::default() })
+        Ok(Self { world: Arc::new(Mutex::new(world)), faults: None, happened: FaultLog::default(), quirks: BTreeMap::new() })
     }
 
     /// The same with faults between the instruments and whoever speaks to them.
     #[must_use]
     pub fn with_faults(self, faults: Option<Schedule>) -> Self {
         Self { faults, ..self }
+    }
+
+    /// The same with mocks that are told to do some things differently, by role.
+    #[must_use]
+    pub fn with_quirks(self, quirks: BTreeMap<&'static str, Quirks>) -> Self {
+        Self { quirks, ..self }
     }
 
     /// The faults that have happened.
@@ -120,35 +132,22 @@ impl Simulation {
         Ok(())
     }
 
-    /// Starts a mock for every instrument of a bench on a real port each: TCP where the address is TCP or in-process (then on a free port), a
-    /// pseudo-terminal where it is serial.
+    /// Starts a mock for every instrument of a bench on a real port each: whatever its address names, or `over` something else, on a free port then.
     ///
     /// # Errors
     /// A model that cannot be simulated; a port that is taken.
-    pub async fn serve_on_ports(&self, bench: &Bench, clock: &Clock) -> Result<Vec<Served>, SimError> {
+    pub async fn serve_on_ports(&self, bench: &Bench, over: &[Over], clock: &Clock) -> Result<Vec<Served>, SimError> {
         let mut served = Vec::new();
         for (role, instrument) in bench.instruments.addressed() {
             let device = self.device(role, &instrument.model)?;
-            let port = |reason: String| SimError::Port { role, address: instrument.address.to_string(), reason };
-            let address = match &instrument.address {
-                Address::Tcp { host, port: number } => {
-                    let (bound, _task) = mock::serve_tcp(device, &format!("{host}:{number}"), clock.clone())
-                        .await
-                        .map_err(|error| port(error.to_string()))?;
-                    format!("tcp://{bound}")
-                }
-                Address::Memory { .. } => {
-                    let (bound, _task) =
-                        mock::serve_tcp(device, "127.0.0.1:0", clock.clone()).await.map_err(|error| port(error.to_string()))?;
-                    format!("tcp://{bound}")
-                }
-                Address::Serial(settings) => {
-                    let (path, _task) = mock::serve_pty(device, clock.clone()).map_err(|error| port(error.to_string()))?;
-                    let mut settings = settings.clone();
-                    settings.path = path;
-                    Address::Serial(settings).to_string()
-                }
+            let wanted = over.iter().rev().find(|over| over.role.as_deref().is_none_or(|found| found == role)).map(|over| over.transport);
+            let address = match (wanted, &instrument.address) {
+                (Some(transport), _) => ports::on_a_free_port(device, transport, clock).await,
+                (None, Address::Memory { .. }) => ports::on_a_free_port(device, Transport::Tcp, clock).await,
+                (None, address) => ports::at(device, address, clock).await,
             };
+            let port = |reason: String| SimError::Port { role, address: instrument.address.to_string(), reason };
+            let address = address.map_err(|error| port(error.to_string()))?.to_string();
             served.push(Served { role, model: instrument.model.clone(), address });
         }
         Ok(served)
@@ -156,7 +155,7 @@ impl Simulation {
 
     fn device(&self, role: &'static str, model: &str) -> Result<Box<dyn mock::Device>, SimError> {
         let plant: SharedPlant = self.world.clone();
-        let options = MockOptions::default();
+        let options = MockOptions { quirks: self.quirks.get(role).cloned().unwrap_or_default(), ..MockOptions::default() };
         let made = match &self.faults {
             Some(faults) => mock::make_troubled(model, (plant, &options), faults, &self.happened),
             None => mock::make(model, plant, &options),

@@ -158,16 +158,30 @@ fn last_reset(plan: &Plan, before: usize, stage: &Stage) -> Option<usize> {
     (0..before).rev().find(|index| plan.stages.get(*index).is_some_and(same))
 }
 
+/// A first entry, for tests.
+#[cfg(test)]
+pub(crate) fn test_started() -> Entry {
+    Entry::Started(Box::new(Started {
+        version: "0".to_owned(),
+        experiment: "x".to_owned(),
+        seed: 1,
+        time: "real".to_owned(),
+        inherited: false,
+        files: Vec::new(),
+        plan: Vec::new(),
+    }))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::plan::test_trace;
-    use instruments::mock::plant::Fixture;
+    use instruments::{mock::plant::Fixture, supply4q::Holds};
 
     const DISCHARGE: Step = Step::Discharge { current_a: 5.0, until_v: 3.5, max_s: 60.0 };
     const CHARGE: Step = Step::Charge { current_a: 3.0, limit_v: 4.2, until_v: 3.8, max_s: 60.0 };
     const REST: Step = Step::Rest { min_s: 1.0, max_s: 2.0, slope_v_per_s: 1.0e-6 };
-    const UP: Step = Step::PowerUp { compliance_v: 4.5, limit_a: 2.0, held: true };
+    const UP: Step = Step::PowerUp { compliance_v: 4.5, limit_a: 2.0, held: Holds::CurrentAndVoltage };
 
     fn sine(index: usize) -> Step {
         Step::Sine { index, freq_hz: 1.0, amplitude_a: 1.0, wait_s: 12.0 }
@@ -191,21 +205,9 @@ mod tests {
         }
     }
 
-    fn started() -> Entry {
-        Entry::Started(Box::new(Started {
-            version: "0".to_owned(),
-            experiment: "x".to_owned(),
-            seed: 1,
-            time: "real".to_owned(),
-            inherited: false,
-            files: Vec::new(),
-            plan: Vec::new(),
-        }))
-    }
-
     /// A journal in short: `S1` a stage, `i2` a step begun, `d2` done, `F` the stage is finished.
     fn story(text: &str) -> Story {
-        let (mut stage, mut lines) = (0, vec![started()]);
+        let (mut stage, mut lines) = (0, vec![test_started()]);
         for word in text.split_whitespace() {
             let number = word[1..].parse().unwrap_or(0);
             lines.push(match &word[..1] {
@@ -213,7 +215,7 @@ mod tests {
                     stage = number;
                     Entry::Stage { stage }
                 }
-                "i" => Entry::Intent { stage, step: number, text: String::new() },
+                "i" => Entry::Intent { stage, step: number, text: String::new(), live: true },
                 "d" => Entry::Done { stage, step: number },
                 _ => Entry::StageDone { stage },
             });

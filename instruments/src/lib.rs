@@ -23,3 +23,4 @@ pub mod supply4q;
 pub mod transcript;
 pub mod transport;
 pub mod units;
+pub mod wire;

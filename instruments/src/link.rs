@@ -2,14 +2,16 @@
 //!
 //! The link keeps the rules that hold for every instrument: gaps and deadlines, the error queue after a write, reading back what was set, every message
 //! on the tap. After a timeout, a closed connection or an answer that is none, the stream is dropped and stays so until [`Link::reconnect`], for the next
-//! answer would be the last question's. The same holds when a caller abandons an exchange half-way. Nothing is ever sent twice.
+//! answer would be the last question's. The same holds when a caller abandons an exchange half-way. Nothing is ever sent twice. Where the transport can
+//! clear the instrument, reconnecting does so.
 //!
-//! Opening sends nothing, closing sends nothing: disconnecting is not switching off.
+//! Opening sends no message, closing sends none: disconnecting is not switching off.
 
 mod connection;
 mod error;
 mod guard;
 mod profile;
+mod recovery;
 
 use std::time::Duration;
 
@@ -43,6 +45,12 @@ pub struct Link {
     options: LinkOptions,
     /// Taken out during an exchange, so that an abandoned exchange drops it.
     connection: Option<Connection>,
+    /// One on which an answer is overdue, and which can be cleared.
+    stalled: Option<Connection>,
+    /// What was asked last.
+    asked: String,
+    /// The instrument's answer to `*IDN?`.
+    identity: Option<String>,
     /// Why there is no connection.
     why: String,
     /// Bench time before which nothing may be sent, s.
@@ -63,7 +71,15 @@ impl Link {
 
     /// A link without a connection, dropped until [`Link::reconnect`]: for an instrument that somebody else still talks to.
     pub fn unconnected(options: LinkOptions) -> Self {
-        Self { options, connection: None, why: "not connected yet".to_owned(), ready_at_s: f64::NEG_INFINITY }
+        Self {
+            options,
+            connection: None,
+            stalled: None,
+            asked: String::new(),
+            identity: None,
+            why: "not connected yet".to_owned(),
+            ready_at_s: f64::NEG_INFINITY,
+        }
     }
 
     /// The instrument's name on this bench.
@@ -92,13 +108,24 @@ impl Link {
     }
 
     /// Connects anew and sends nothing. A serial line must first be silent for the longest time that an answer may take, since the answer to an old
-    /// question could still be on its way.
+    /// question could still be on its way. VXI-11, HiSLIP, USBTMC and GPIB keep their connection if it is of use; the instrument is cleared there, and
+    /// asked a harmless question, before it is used again.
     ///
     /// # Errors
-    /// As [`Link::open`]; the link stays dropped then.
+    /// As [`Link::open`], and [`LinkError::NotCleared`]; the link stays dropped then.
     pub async fn reconnect(&mut self) -> Result<(), LinkError> {
+        if let Some(stalled) = self.stalled.take() {
+            match self.recover(stalled).await {
+                Ok(()) => return Ok(()),
+                Err(error) => self.drop_connection(&error),
+            }
+        }
         let quiet = self.options.profile.quiet.max(self.options.profile.timeout);
-        self.connect(quiet).await
+        self.connect(quiet).await?;
+        match self.connection.take_if(|connection| connection.can_be_cleared()) {
+            Some(connection) => self.recover(connection).await.inspect_err(|error| self.drop_connection(error)),
+            None => Ok(()),
+        }
     }
 
     /// Sends a message that has no answer, then empties the error queue where the profile names one.
@@ -146,7 +173,11 @@ impl Link {
     /// [`LinkError::Timeout`], [`LinkError::WriteTimeout`], [`LinkError::Closed`], [`LinkError::Io`], [`LinkError::Garbage`] and [`LinkError::Noise`] drop
     /// the link; [`LinkError::Dropped`] when it was dropped before; [`LinkError::Unsendable`] when `message` is not printable ASCII.
     pub async fn query(&mut self, message: &str) -> Result<String, LinkError> {
-        self.ask(message, Expect::Line).await.map(Response::into_text)
+        let answer = self.ask(message, Expect::Line).await.map(Response::into_text)?;
+        if message == "*IDN?" {
+            self.identity = Some(answer.clone());
+        }
+        Ok(answer)
     }
 
     /// Asks and waits for a block; answers its payload.
@@ -196,7 +227,7 @@ impl Link {
     }
 
     async fn connect(&mut self, quiet: Duration) -> Result<(), LinkError> {
-        self.connection = None;
+        (self.connection, self.stalled) = (None, None);
         self.why = "connecting was abandoned".to_owned();
         match self.try_connect(quiet).await {
             Ok(connection) => {
@@ -217,21 +248,22 @@ impl Link {
             return Err(LinkError::VirtualTime { link: self.link(), address: address.clone() });
         }
         let deadline = profile.first_timeout;
-        let stream = match clock.deadline(deadline, transport::open(address, hub)).await {
+        let channel = match clock.deadline(deadline, transport::connect(address, hub)).await {
             Err(_) => return Err(LinkError::ConnectTimeout { link: self.link(), address: address.clone(), deadline }),
             Ok(opened) => opened.map_err(|source| LinkError::Connect { link: self.link(), source })?,
         };
-        let mut connection = Connection::new(stream, profile.decoder_options());
+        let mut connection = Connection::new(channel, profile.decoder_options());
         if connection.is_serial() {
             self.wait_for_silence(&mut connection, quiet).await?;
         }
+        self.leave_nothing_behind(&mut connection).await?;
         Ok(connection)
     }
 
     async fn wait_for_silence(&self, connection: &mut Connection, quiet: Duration) -> Result<(), LinkError> {
         const MAX_INTERRUPTIONS: usize = 50;
         for _ in 0..MAX_INTERRUPTIONS {
-            match self.options.clock.deadline(quiet, connection.read_more()).await {
+            match self.options.clock.deadline(quiet, connection.read_more(quiet)).await {
                 Err(_) => return Ok(()),
                 Ok(read) => read.map_err(|broken| self.error(broken, "connecting"))?,
             }
@@ -274,13 +306,18 @@ impl Link {
             return Err(LinkError::Dropped { link: self.link(), why: self.why.clone() });
         };
         self.why = format!("`{message}` was abandoned before it was done");
+        message.clone_into(&mut self.asked);
         Ok(connection)
     }
 
     fn finish<T>(&mut self, connection: Connection, outcome: Result<T, LinkError>) -> Result<T, LinkError> {
         match &outcome {
             Ok(_) => self.connection = Some(connection),
-            Err(error) => self.drop_connection(error),
+            Err(error) => {
+                self.drop_connection(error);
+                let is_overdue = matches!(error, LinkError::Timeout { .. } | LinkError::WriteTimeout { .. });
+                self.stalled = Some(connection).filter(|connection| is_overdue && connection.can_be_cleared());
+            }
         }
         outcome
     }
@@ -310,7 +347,7 @@ impl Link {
         let usual = if expect == Expect::Block { block_timeout } else { timeout };
         let deadline = if connection.has_answered { usual } else { usual.max(first_timeout) };
         let timed_out = |_| LinkError::Timeout { link: self.link(), message: message.to_owned(), deadline };
-        let read = clock.deadline(deadline, connection.read(expect)).await.map_err(timed_out)?;
+        let read = clock.deadline(deadline, connection.read(expect, deadline)).await.map_err(timed_out)?;
         let answer = read.map_err(|broken| self.error(broken, message))?;
         self.record(Direction::Received, payload_of(&answer));
         self.ready_at_s = clock.now_s() + min_gap.as_secs_f64();

@@ -55,3 +55,8 @@ unit!(
     Ohms,
     "Ω"
 );
+unit!(
+    /// Power, W.
+    Watts,
+    "W"
+);

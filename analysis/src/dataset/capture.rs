@@ -85,7 +85,7 @@ pub fn write_capture(path: &Path, capture: &Capture) -> Result<(), DatasetError>
 /// [`DatasetError::Io`], [`DatasetError::Checksum`], [`DatasetError::Parquet`], [`DatasetError::Column`], [`DatasetError::Metadata`].
 pub fn read_capture(path: &Path) -> Result<Capture, DatasetError> {
     let (frame, metadata) = read_frame(path)?;
-    let meta = Metadata { path, pairs: &metadata }.capture()?;
+    let meta = read_meta(path, &metadata)?;
     let [a, b, c, d] = [0, 1, 2, 3].map(|index| codes(path, &frame, CAPTURE_COLUMNS[index].name));
     Ok(Capture { meta, codes: [a?, b?, c?, d?] })
 }
@@ -94,7 +94,7 @@ fn column_error(path: &Path, column: &str, expected: &str, found: String) -> Dat
     DatasetError::Column { path: path.to_path_buf(), column: column.to_owned(), expected: expected.to_owned(), found }
 }
 
-fn codes(path: &Path, frame: &DataFrame, name: &str) -> Result<Vec<i16>, DatasetError> {
+pub(super) fn codes(path: &Path, frame: &DataFrame, name: &str) -> Result<Vec<i16>, DatasetError> {
     const EXPECTED: &str = "whole numbers of 16 bits without gaps";
     let wrong = |found: String| column_error(path, name, EXPECTED, found);
     let column = frame.column(name).map_err(|_| wrong("no such column".into()))?;
@@ -107,6 +107,11 @@ fn codes(path: &Path, frame: &DataFrame, name: &str) -> Result<Vec<i16>, Dataset
         i16::try_from(cell).map_err(|_| wrong(format!("{cell} in row {}", row + 1)))
     };
     cells.iter().enumerate().map(code).collect()
+}
+
+/// What the metadata of a file say.
+pub(super) fn read_meta(path: &Path, pairs: &BTreeMap<String, String>) -> Result<CaptureMeta, DatasetError> {
+    Metadata { path, pairs }.capture()
 }
 
 fn pairs(meta: &CaptureMeta) -> Vec<(String, String)> {

@@ -4,9 +4,11 @@
 //! is. It stands in the metadata and is reckoned with itself as zeros, by FNV-1a (64 bits): against accidents, not against malice.
 
 use std::collections::BTreeMap;
-use std::io::Cursor;
+use std::fs::File;
+use std::io::{self, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
+use polars::io::mmap::MmapBytesReader;
 use polars::prelude::{DataFrame, KeyValueMetadata, ParquetReader, ParquetWriter, PolarsError, SerReader};
 
 use super::disk::{io_error, write_atomically};
@@ -15,6 +17,12 @@ use super::{ColumnSpec, DatasetError};
 /// What stands before the digits of the checksum; not found in the base64 of the schema, for its colon.
 const MARK: &[u8] = b"fnv1a64:";
 const DIGITS: usize = 16;
+/// The checksum stands within so many bytes of the end.
+const TAIL: u64 = 1 << 16;
+/// Bytes that are read at once.
+const PIECE: usize = 1 << 20;
+/// Where FNV-1a begins.
+const SEED: u64 = 0xcbf2_9ce4_8422_2325;
 
 /// Writes a frame with what its columns mean and more metadata.
 pub(super) fn write_frame(
@@ -45,11 +53,55 @@ pub(super) fn read_frame(path: &Path) -> Result<(DataFrame, BTreeMap<String, Str
     let mut bytes = std::fs::read(path).map_err(|source| io_error(path, "read the file", source))?;
     check(path, &mut bytes)?;
     let mut reader = ParquetReader::new(Cursor::new(bytes));
-    let metadata = reader.get_metadata().map_err(|source| parquet_error(path, "read it as Parquet", source))?;
-    let pairs = metadata.key_value_metadata().iter().flatten();
-    let pairs = pairs.filter_map(|pair| pair.value.clone().map(|value| (pair.key.clone(), value))).collect();
+    let pairs = metadata(path, &mut reader)?;
     let frame = reader.finish().map_err(|source| parquet_error(path, "decode the table", source))?;
     Ok((frame, pairs))
+}
+
+/// The metadata of a file.
+pub(super) fn metadata<R: MmapBytesReader>(path: &Path, reader: &mut ParquetReader<R>) -> Result<BTreeMap<String, String>, DatasetError> {
+    let metadata = reader.get_metadata().map_err(|source| parquet_error(path, "read it as Parquet", source))?;
+    let pairs = metadata.key_value_metadata().iter().flatten();
+    Ok(pairs.filter_map(|pair| pair.value.clone().map(|value| (pair.key.clone(), value))).collect())
+}
+
+/// As [`check`], of a file that is read by pieces.
+pub(super) fn check_file(path: &Path) -> Result<(), DatasetError> {
+    let wrong = |expected: &str, found: &str| DatasetError::Checksum {
+        path: path.to_path_buf(),
+        expected: expected.to_owned(),
+        found: found.to_owned(),
+    };
+    let summed = || -> io::Result<Option<(String, String)>> {
+        let mut file = File::open(path)?;
+        let length = file.metadata()?.len();
+        let from = length.saturating_sub(TAIL);
+        file.seek(SeekFrom::Start(from))?;
+        let mut tail = Vec::new();
+        (&file).take(TAIL).read_to_end(&mut tail)?;
+        let Some(range) = digits(&tail) else { return Ok(None) };
+        let stored = tail.get(range.clone()).map(|bytes| String::from_utf8_lossy(bytes).into_owned()).unwrap_or_default();
+        let blanked = (from + range.start as u64)..(from + range.end as u64);
+        file.seek(SeekFrom::Start(0))?;
+        let (mut hash, mut at, mut buffer) = (SEED, 0_u64, vec![0; PIECE]);
+        loop {
+            let count = file.read(&mut buffer)?;
+            if count == 0 {
+                return Ok(Some((stored, format!("{hash:016x}"))));
+            }
+            let piece = &mut buffer[..count];
+            for position in blanked.clone().filter(|position| (at..at + count as u64).contains(position)) {
+                piece[(position - at) as usize] = b'0';
+            }
+            hash = mixed(hash, piece);
+            at += count as u64;
+        }
+    };
+    match summed().map_err(|source| io_error(path, "read the file", source))? {
+        None => Err(wrong("in its metadata", "none")),
+        Some((expected, found)) if expected != found => Err(wrong(&expected, &found)),
+        Some(_) => Ok(()),
+    }
 }
 
 pub(super) fn parquet_error(path: &Path, action: &'static str, source: PolarsError) -> DatasetError {
@@ -79,6 +131,9 @@ fn digits(bytes: &[u8]) -> Option<std::ops::Range<usize>> {
 }
 
 fn checksum(bytes: &[u8]) -> String {
-    let mix = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
-    format!("{:016x}", bytes.iter().fold(0xcbf2_9ce4_8422_2325, mix))
+    format!("{:016x}", mixed(SEED, bytes))
+}
+
+fn mixed(hash: u64, bytes: &[u8]) -> u64 {
+    bytes.iter().fold(hash, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }

@@ -146,13 +146,8 @@ impl Search<'_> {
     fn try_member(&mut self, before: &Fit, (from, member): (&Fit, &Member)) -> Attempt {
         let found = self.problem.fit_added(from, member, &mut self.desk);
         let lambda = before.chi2 - found.chi2;
-        let score = lambda - self.penalty(member);
+        let score = lambda - self.problem.penalty(member);
         Attempt { name: member.name(), score, lambda, distinct: score, fit: found }
-    }
-
-    /// What parameters and choices cost: k·ln N, and twice the logarithm of the number of choices.
-    pub(super) fn penalty(&self, member: &Member) -> f64 {
-        member.free() as f64 * (self.problem.training_rows() as f64).ln() + 2.0 * (member.choices() as f64).ln()
     }
 
     /// The attempt with steps so fine that integration is no question; as it is where it has no say anyway.

@@ -88,3 +88,8 @@ pub(super) const LEAST_LAMBDA: f64 = 3.84;
 pub(super) const CERTAIN_LAMBDA: f64 = 150.0;
 /// Effects added at most.
 pub(super) const MOST_EFFECTS: usize = 3;
+
+/// Penalised gain by which an effect of this λ must lead its rivals.
+pub(super) fn naming_lead(measured: bool, lambda: f64) -> f64 {
+    if measured { NAMING_LEAD } else { NAMING_LEAD.max(ASSUMED_LEAD * lambda) }
+}

@@ -9,6 +9,7 @@ mod data;
 mod diagnose;
 mod distinguish;
 mod edges;
+mod estimate;
 mod experiment;
 pub mod gate;
 mod guards;

@@ -1,9 +1,8 @@
-//! The noise of every row, from repeats: what a run's repeats disagree in, and what the current channel's errors do to the model's own output.
+//! The noise of every row: what a run's repeats disagree in, and what the current channel's errors do to the model's own output.
 //!
-//! C = diag(σ_w²/m) + σ_d² exp(−|Δt|/τ_d) + σ_V² 11ᵀ + σ_R² ηηᵀ + σ_g² b_g b_gᵀ + σ_o² b_o b_oᵀ + Σ σ_I² b_s b_sᵀ, with η the overpotential and b the model's
-//! responses to a gain, a zero error and a per-stretch error of the logged current, the counted charge included. The σ are found by restricted maximum
-//! likelihood on the differences between repeats, in which whatever the model lacks cancels: the misfit is never used. The bench's history is the
-//! prior.
+//! C = diag(σ_w²/m) + σ_d² exp(−|Δt|/τ_d) + σ_V² 11ᵀ + σ_R² ηηᵀ + σ_g² b_g b_gᵀ + σ_o² b_o b_oᵀ + Σ σ_I² b_s b_sᵀ, with η the model's response to a growth
+//! of all resistances at constant capacitances and b its responses to a gain, a zero error and a per-stretch error of the logged current, the counted charge
+//! included. How the σ are found is in `estimate`.
 
 use super::block::{Block, Desk, Kind, TimeBlock};
 use super::codes::Codes;
@@ -13,15 +12,13 @@ use super::shared::{self, Errors};
 use super::whitening::{Whitener, dot};
 use crate::augmented::network;
 use crate::effects::Base;
-use crate::fit::linalg::{cholesky, cholesky_substitute};
-use std::collections::BTreeMap;
 
 /// Standard deviation of the logarithm of a history's σ.
 const HISTORY_SPREAD: f64 = 0.15;
 /// The same where there is no history.
 const IGNORANCE_SPREAD: f64 = 1.5;
-/// Newton steps of the likelihood at most.
-const ITERATIONS: usize = 12;
+/// Step of the response to larger resistances.
+const LARGER: f64 = 1e-3;
 /// Stretches of constant current with an error of their own at most.
 const MOST_STRETCHES: usize = 40;
 
@@ -93,18 +90,24 @@ impl Prior {
         let spread = if history.is_some() { HISTORY_SPREAD } else { IGNORANCE_SPREAD };
         Self { log_sigmas, spread, known: history.is_some(), history: h }
     }
+
+    /// Variance of one voltage sample that no estimate touches: codes of both channels and noise of the current, V².
+    pub(super) fn sample_variance(&self, base: &Base) -> f64 {
+        let h = &self.history;
+        (h.voltage_resolution_v * UNIFORM).powi(2) + (h.current_noise_a * base.erm.r_ohm).powi(2)
+    }
 }
 
 /// The shape of a block's covariance: every matrix that a σ² multiplies.
 #[derive(Debug, Clone)]
 pub(super) struct Shape {
-    n: usize,
+    pub(super) n: usize,
     /// Variance that no estimate touches: codes of both channels, noise of the current, stated σ.
     fixed: Vec<f64>,
     /// Diagonal of the white term, voltage or spectrum.
     white: (Term, Vec<f64>),
     /// Correlation of the drift, row-major; empty for a spectrum.
-    drift: Vec<f64>,
+    pub(super) drift: Vec<f64>,
     /// One vector per estimated term of rank one.
     vectors: Vec<(Term, Vec<f64>)>,
     /// Vectors of known standard deviation, each run's own.
@@ -121,6 +124,7 @@ impl Shape {
         let mut predicted = Vec::new();
         let network = network(base, &[]);
         block.predict((base, &[], &network), 1, desk, &mut predicted);
+        let resistance = resistance(block, (base, &predicted), desk);
         match &block.kind {
             Kind::Eis { sigma_ohm, .. } => {
                 let size: Vec<f64> = predicted.chunks_exact(2).flat_map(|z| [z[0].hypot(z[1]); 2]).collect();
@@ -131,16 +135,22 @@ impl Shape {
                     white: (Term::Eis, size.iter().map(|z| z * z).collect()),
                     drift: Vec::new(),
                     shared: shared::of_spectrum(&block.kind, &predicted, &prior.history),
-                    vectors: vec![(Term::Resistance, predicted)],
+                    vectors: vec![(Term::Resistance, resistance)],
                     known: Vec::new(),
                     codes: Vec::new(),
                 }
             }
-            Kind::Time(time) => Self::time(block, time, (base, &predicted), prior, desk),
+            Kind::Time(time) => Self::time((block, time), (base, &predicted), resistance, prior, desk),
         }
     }
 
-    fn time(block: &Block, time: &TimeBlock, (base, predicted): (&Base, &[f64]), prior: &Prior, desk: &mut Desk) -> Self {
+    fn time(
+        (block, time): (&Block, &TimeBlock),
+        (base, predicted): (&Base, &[f64]),
+        resistance: Vec<f64>,
+        prior: &Prior,
+        desk: &mut Desk,
+    ) -> Self {
         let h = &prior.history;
         let n = time.bins.len();
         let counts: Vec<f64> = time.bins.iter().map(|b| (b.to - b.from) as f64).collect();
@@ -149,9 +159,6 @@ impl Shape {
         let stated = time.bins.iter().any(|b| b.stated_v2 > 0.0);
         let codes = Codes { step: h.voltage_resolution_v, sigma: if stated { f64::INFINITY } else { h.voltage_noise_v } };
         let fixed_v = codes.fresh() + current_noise_v + 1e-14;
-        let capacity_c = 3600.0 * base.ocv.capacity_ah;
-        let overpotential: Vec<f64> =
-            time.bins.iter().zip(predicted).map(|(b, v)| base.ocv.voltage_v(block.at.soc - b.charge_c / capacity_c) - v).collect();
         let mut respond = |change: &dyn Fn(usize, f64) -> f64, scale: f64| {
             let current_a: Vec<f64> = time.current_a.iter().enumerate().map(|(k, i)| i + change(k, *i)).collect();
             desk.player.play((base, &[]), &block.record(time, &current_a), (&time.grid, 1), &mut desk.voltage_v);
@@ -159,12 +166,8 @@ impl Shape {
         };
         let gain = respond(&|_, i| 1e-2 * i, 1e2);
         let shared = shared::of_record((block, time), base, (predicted, &gain), h);
-        let vectors = vec![
-            (Term::Level, vec![1.0; n]),
-            (Term::Resistance, overpotential),
-            (Term::Gain, gain),
-            (Term::Zero, respond(&|_, _| 1e-1, 1e1)),
-        ];
+        let vectors =
+            vec![(Term::Level, vec![1.0; n]), (Term::Resistance, resistance), (Term::Gain, gain), (Term::Zero, respond(&|_, _| 1e-1, 1e1))];
         let mut known = Vec::new();
         let step_a = h.current_resolution_a * UNIFORM;
         if step_a > 0.0 {
@@ -202,11 +205,9 @@ impl Shape {
     }
 
     /// What a growth of all resistances in proportion to an order does to the rows.
-    fn trend(&self, order: f64) -> Vec<f64> {
+    pub(super) fn trend(&self, order: f64) -> Vec<f64> {
         let resistance = self.vectors.iter().find(|(term, _)| *term == Term::Resistance);
-        // A spectrum's rows grow with the resistance, a record's voltage falls.
-        let sign = if self.white.0 == Term::Eis { 1.0 } else { -1.0 };
-        resistance.map_or_else(|| vec![0.0; self.n], |(_, v)| v.iter().map(|x| sign * order * x).collect())
+        resistance.map_or_else(|| vec![0.0; self.n], |(_, v)| v.iter().map(|x| order * x).collect())
     }
 
     /// Leaves the errors of the current channel out.
@@ -244,7 +245,7 @@ impl Shape {
     }
 
     /// (∂C/∂ln σ)·x for a term; none where the shape does not have it.
-    fn derivative_times(&self, term: Term, variance: f64, x: &[f64]) -> Option<Vec<f64>> {
+    pub(super) fn derivative_times(&self, term: Term, variance: f64, x: &[f64]) -> Option<Vec<f64>> {
         let scale = 2.0 * variance;
         if term == self.white.0 {
             return Some(x.iter().zip(&self.white.1).map(|(x, g)| scale * g * x).collect());
@@ -258,7 +259,7 @@ impl Shape {
     }
 
     /// tr(C⁻¹·∂C/∂ln σ).
-    fn trace(&self, term: Term, variance: f64, white: &Whitener, inverse: &[f64]) -> f64 {
+    pub(super) fn trace(&self, term: Term, variance: f64, white: &Whitener, inverse: &[f64]) -> f64 {
         let scale = 2.0 * variance;
         if term == self.white.0 {
             return scale * white.trace_with_diagonal(&self.white.1);
@@ -272,6 +273,19 @@ impl Shape {
             scale * dot(&w, &w)
         })
     }
+}
+
+/// What all resistances larger by a part do to the rows, per unit; capacitances stay, so that time constants grow with them. A control is as a whole larger.
+fn resistance(block: &Block, (base, predicted): (&Base, &[f64]), desk: &mut Desk) -> Vec<f64> {
+    if !block.at.is_cell {
+        return predicted.to_vec();
+    }
+    let mut larger = base.clone();
+    larger.erm.r_ohm *= 1.0 + LARGER;
+    larger.erm.branches.iter_mut().for_each(|b| b.r_ohm *= 1.0 + LARGER);
+    let mut rows = Vec::with_capacity(predicted.len());
+    block.predict((&larger, &[], &network(&larger, &[])), 1, desk, &mut rows);
+    rows.iter().zip(predicted).map(|(r, p)| (r - p) / LARGER).collect()
 }
 
 /// Adds scale·v·vᵀ to the lower triangle of a matrix.
@@ -291,168 +305,4 @@ fn stretches(time: &TimeBlock) -> impl Iterator<Item = (usize, usize)> {
     let starts: Vec<usize> = time.edges.iter().copied().step_by(every).collect();
     let end = time.current_a.len();
     (0..starts.len()).map(move |k| (starts[k], starts.get(k + 1).copied().unwrap_or(end)))
-}
-
-/// Repeats of one group: their shape and the differences between them.
-struct Group<'a> {
-    shape: &'a Shape,
-    contrasts: Vec<Vec<f64>>,
-    /// The same differences of what a steady growth of all resistances with the run's order would do.
-    trends: Vec<Vec<f64>>,
-}
-
-/// σ's as found.
-#[derive(Debug, Clone)]
-pub(super) struct Estimate {
-    pub(super) log_sigmas: LogSigmas,
-    /// How far each is from the history, in standard deviations; none where repeats say nothing of it.
-    pub(super) z: [Option<f64>; TERMS.len()],
-    /// (χ² − dof)/√(2·dof) of the differences between repeats; none without repeats.
-    pub(super) repeat_z: Option<f64>,
-    /// Most repeats of any group of spectra or of records, whichever are fewer.
-    pub(super) repeats: usize,
-}
-
-impl Prior {
-    /// Variance of one voltage sample that no estimate touches: codes of both channels and noise of the current, V².
-    pub(super) fn sample_variance(&self, base: &Base) -> f64 {
-        let h = &self.history;
-        (h.voltage_resolution_v * UNIFORM).powi(2) + (h.current_noise_a * base.erm.r_ohm).powi(2)
-    }
-}
-
-impl Estimate {
-    /// Variance of a term.
-    pub(super) fn variance(&self, term: Term) -> f64 {
-        (2.0 * self.log_sigmas[term as usize]).exp()
-    }
-}
-
-/// σ's from the repeats among blocks; `residuals` are measured less predicted rows of each block.
-pub(super) fn estimate(blocks: &[Block], shapes: &[Shape], residuals: &[Vec<f64>], prior: &Prior) -> Estimate {
-    // Only what was measured in the same way of the same thing repeats.
-    let mut members: BTreeMap<(&str, usize, bool, bool), Vec<usize>> = BTreeMap::new();
-    for (k, b) in blocks.iter().enumerate() {
-        members.entry((&b.group, b.rows(), matches!(b.kind, Kind::Eis { .. }), b.at.is_cell)).or_default().push(k);
-    }
-    let most = |eis: bool| members.iter().filter(|(key, _)| key.2 == eis && key.3).map(|(_, m)| m.len()).max();
-    let repeats = most(true).into_iter().chain(most(false)).min().unwrap_or(0);
-    let mut groups: Vec<Group<'_>> = members
-        .values()
-        .filter(|m| m.len() > 1)
-        .map(|m| Group {
-            shape: &shapes[m[0]],
-            contrasts: contrasts(&m.iter().map(|k| residuals[*k].clone()).collect::<Vec<_>>()),
-            trends: contrasts(&m.iter().map(|k| shapes[*k].trend(blocks[*k].at.order)).collect::<Vec<_>>()),
-        })
-        .collect();
-    remove_trend(&mut groups, &prior.log_sigmas);
-    let mut theta = prior.log_sigmas;
-    if groups.is_empty() {
-        return Estimate { log_sigmas: theta, z: [None; TERMS.len()], repeat_z: None, repeats };
-    }
-    let mut information = vec![0.0; TERMS.len() * TERMS.len()];
-    for _ in 0..ITERATIONS {
-        let (gradient, found) = expand(&groups, &theta);
-        information = found;
-        let step = newton(&gradient, &information, &theta, prior);
-        theta.iter_mut().zip(&step).for_each(|(t, s)| *t += s);
-        if step.iter().all(|s| s.abs() < 1e-3) {
-            break;
-        }
-    }
-    let s = prior.spread;
-    let z = std::array::from_fn(|j| {
-        let a = information[j * TERMS.len() + j];
-        (a > 1e-3).then(|| (theta[j] - prior.log_sigmas[j]) * (1.0 + a * s * s).sqrt() / (s * s * a.sqrt()))
-    });
-    Estimate { log_sigmas: theta, z, repeat_z: agreement(&groups, &theta), repeats }
-}
-
-/// Orthonormal differences of repeats (Helmert).
-fn contrasts(repeats: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    (1..repeats.len())
-        .map(|k| {
-            let weight = 1.0 / ((k * (k + 1)) as f64).sqrt();
-            let others = |row: usize| repeats[..k].iter().map(|r| r[row]).sum::<f64>();
-            (0..repeats[0].len()).map(|row| weight * (k as f64 * repeats[k][row] - others(row))).collect()
-        })
-        .collect()
-}
-
-/// Takes the best common growth of resistance over run order off the differences: ageing is an effect to be named, not noise.
-fn remove_trend(groups: &mut [Group<'_>], theta: &LogSigmas) {
-    let (mut along, mut size) = (0.0, 0.0);
-    for group in groups.iter() {
-        let Some(white) = Whitener::new(group.shape.covariance(theta), group.shape.n) else { return };
-        for (h, t) in group.contrasts.iter().zip(&group.trends) {
-            let solved = white.solve(t);
-            along += dot(&solved, h);
-            size += dot(&solved, t);
-        }
-    }
-    if size <= 0.0 {
-        return;
-    }
-    let growth = along / size;
-    for group in groups {
-        for (h, t) in group.contrasts.iter_mut().zip(&group.trends) {
-            h.iter_mut().zip(t).for_each(|(h, t)| *h -= growth * t);
-        }
-    }
-}
-
-/// Gradient of −ln L and the average information matrix.
-fn expand(groups: &[Group<'_>], theta: &LogSigmas) -> (LogSigmas, Vec<f64>) {
-    let n = TERMS.len();
-    let (mut gradient, mut information) = ([0.0; TERMS.len()], vec![0.0; n * n]);
-    for group in groups {
-        let Some(white) = Whitener::new(group.shape.covariance(theta), group.shape.n) else { continue };
-        let inverse = if group.shape.drift.is_empty() { Vec::new() } else { white.inverse() };
-        let variance = |j: usize| (2.0 * theta[j]).exp();
-        for (j, (term, _)) in TERMS.iter().enumerate() {
-            gradient[j] += 0.5 * group.contrasts.len() as f64 * group.shape.trace(*term, variance(j), &white, &inverse);
-        }
-        for h in &group.contrasts {
-            let x = white.solve(h);
-            let sides: Vec<Option<Vec<f64>>> =
-                TERMS.iter().enumerate().map(|(j, (term, _))| group.shape.derivative_times(*term, variance(j), &x)).collect();
-            let solved: Vec<Option<Vec<f64>>> = sides.iter().map(|s| s.as_ref().map(|s| white.solve(s))).collect();
-            for j in 0..n {
-                let Some(side) = &sides[j] else { continue };
-                gradient[j] -= 0.5 * dot(&x, side);
-                for l in 0..n {
-                    information[j * n + l] += solved[l].as_ref().map_or(0.0, |w| 0.5 * dot(side, w));
-                }
-            }
-        }
-    }
-    (gradient, information)
-}
-
-fn newton(gradient: &LogSigmas, information: &[f64], theta: &LogSigmas, prior: &Prior) -> LogSigmas {
-    let n = TERMS.len();
-    let weight = prior.spread.powi(-2);
-    let mut a = information.to_vec();
-    let mut step: Vec<f64> = (0..n).map(|j| -gradient[j] - weight * (theta[j] - prior.log_sigmas[j])).collect();
-    (0..n).for_each(|j| a[j * n + j] += weight);
-    if !cholesky(&mut a, n) {
-        return [0.0; TERMS.len()];
-    }
-    cholesky_substitute(&a, n, &mut step);
-    std::array::from_fn(|j| step[j].clamp(-0.7, 0.7))
-}
-
-fn agreement(groups: &[Group<'_>], theta: &LogSigmas) -> Option<f64> {
-    let (mut chi2, mut dof) = (0.0, 0.0);
-    for group in groups {
-        let white = Whitener::new(group.shape.covariance(theta), group.shape.n)?;
-        for h in &group.contrasts {
-            let mut w = Vec::with_capacity(group.shape.n);
-            white.apply(h, &mut w);
-            chi2 += dot(&w, &w);
-            dof += w.len() as f64;
-        }
-    }
-    (dof > 0.0).then(|| (chi2 - dof) / (2.0 * dof).sqrt())
 }

@@ -207,6 +207,8 @@ pub struct NextExperiment {
     pub separation_sigma: f64,
     /// The same with the data at hand.
     pub separation_now_sigma: f64,
+    /// True where it is expected to settle all that is open; false where it brings some of it forward.
+    pub settles: bool,
     /// Time on the bench, min.
     pub duration_min: f64,
     /// Charge moved in either direction, Ah.

@@ -2,9 +2,10 @@
 
 use super::block::{Block, DataSetError, Desk, Kind};
 use super::data::{DataSet, Fixture, Role, Run, RunData, Start};
+use super::estimate::{Estimate, estimate};
 use super::experiment::PlannedRun;
 use super::guards::Guards;
-use super::noise::{Estimate, Prior, Shape, Term, estimate};
+use super::noise::{Prior, Shape, Term};
 use super::problem::{Fit, Problem};
 use super::shared::{Errors, Shared};
 use super::whitening::Whitener;

@@ -66,6 +66,11 @@ impl Problem {
         self.of_role(Role::Train).map(|k| self.blocks[k].rows()).sum()
     }
 
+    /// What parameters and choices of an effect cost: k·ln N, and twice the logarithm of the number of choices.
+    pub(super) fn penalty(&self, member: &Member) -> f64 {
+        member.free() as f64 * (self.training_rows() as f64).ln() + 2.0 * (member.choices() as f64).ln()
+    }
+
     /// Training rows less parameters.
     pub(super) fn degrees_of_freedom(&self, fit: &Fit) -> f64 {
         self.training_rows() as f64 - fit.x.len() as f64

@@ -1,7 +1,7 @@
 //! Which other effects would do as well in the place of one that was taken.
 
 use super::attempts::{Attempt, is_outside};
-use super::guards::{ASSUMED_LEAD, NAMING_LEAD, SUFFICES};
+use super::guards::{SUFFICES, naming_lead};
 use super::problem::Fit;
 use super::select::{RivalFit, Search, Selection};
 use super::whitening::dot;
@@ -14,13 +14,13 @@ impl Search<'_> {
         for (k, name) in names.iter().enumerate() {
             let without = self.refit_without(&selection.base, &selection.fit, k);
             let lambda = without.chi2 - selection.fit.chi2;
-            let own = lambda - self.penalty(&selection.fit.structure.members[k]);
+            let own = lambda - self.problem.penalty(&selection.fit.structure.members[k]);
             // What came later may have taken a share of it.
             selection.taken[k].evidence.lambda = lambda;
             selection.taken[k].evidence.score = own;
             let (attempts, _) = self.attempts(&without, Some(name));
             for other in attempts {
-                if !rivals((name, lambda, own), &other, self.lead(lambda)) || names.contains(&other.name) {
+                if !rivals((name, lambda, own), &other, naming_lead(self.measured, lambda)) || names.contains(&other.name) {
                     continue;
                 }
                 let index = other.fit.structure.members.len() - 1;
@@ -32,11 +32,6 @@ impl Search<'_> {
                 selection.taken[k].rivals.push(RivalFit { name: other.name, score_gap: gap, discriminability: distinct, fit: other.fit });
             }
         }
-    }
-
-    /// Penalised gain by which an effect of this λ must lead.
-    fn lead(&self, lambda: f64) -> f64 {
-        if self.measured { NAMING_LEAD } else { NAMING_LEAD.max(ASSUMED_LEAD * lambda) }
     }
 
     /// r: part of what the named effect adds that the other cannot imitate, to first order around its fit.

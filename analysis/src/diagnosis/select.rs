@@ -174,7 +174,7 @@ impl Search<'_> {
         while selection.taken.len() > 1 && k < selection.taken.len() {
             let without = self.refit_without(&selection.base, &selection.fit, k);
             let lambda = without.chi2 - selection.fit.chi2;
-            let score = lambda - self.penalty(&selection.fit.structure.members[k]);
+            let score = lambda - self.problem.penalty(&selection.fit.structure.members[k]);
             let attempt = Attempt { name: selection.taken[k].name, lambda, score, distinct: score, fit: selection.fit.clone() };
             if let Ok(evidence) = self.accept(&without, &attempt, k) {
                 selection.taken[k].evidence = evidence;
@@ -190,7 +190,7 @@ impl Search<'_> {
     /// Asks whether one effect outside the catalogue does as well as all names together, and whether something refused stays on top of them.
     fn look_outside(&mut self, selection: &mut Selection, alone: Option<(&'static str, f64)>) {
         let title = |name: &str| outside().iter().find(|e| e.card().name == name).map(|e| e.card().title);
-        let spent: f64 = selection.fit.structure.members.iter().map(|m| self.penalty(m)).sum();
+        let spent: f64 = selection.fit.structure.members.iter().map(|m| self.problem.penalty(m)).sum();
         let gained = selection.base.chi2 - selection.fit.chi2 - spent;
         let beaten =
             selection.taken.iter().flat_map(|t| &t.rivals).find(|r| is_outside(r.name) && r.score_gap >= NAMING_LEAD).map(|r| r.name);

@@ -1,7 +1,7 @@
 //! Effects that are no part of the catalogue and are never named: they stand for what it does not have. A name that one of them beats is withdrawn.
 //!
-//! Each is a plain law of a kind that the catalogue lacks: a resistance with a memory of the current's size, friction of the stored charge, a resistance
-//! that changes once between two runs.
+//! Each is a plain law of a kind that the catalogue lacks: a resistance with a memory of the current's size, friction of the stored charge in one element
+//! or in many, a resistance that changes once between two runs.
 
 use super::quantity::log_grid;
 use super::{Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record};
@@ -10,6 +10,8 @@ use std::f64::consts::{PI, TAU};
 
 /// Places in the order of runs that a single change is looked for at.
 const PLACES: usize = 7;
+/// Elements that friction of many elements is made of.
+const ELEMENTS: usize = 8;
 
 /// All of them.
 pub(crate) fn outside() -> &'static [&'static dyn Effect] {
@@ -41,8 +43,8 @@ static MEMORY: Card = card(
 static FRICTION: Card = card(
     "outside_friction",
     "something like friction of the stored charge",
-    "V += M·(z − p)/w, p is dragged along where |z − p| exceeds the half width w; M in V",
-    "Z += M/w over the capacity, from rest",
+    "V += M·mean((z − p)/w'), each p is dragged along where |z − p| exceeds its half width w': one of w, or eight evenly up to w; M in V",
+    "Z += M·mean(1/w') over the capacity, from rest",
 );
 static CHANGE: Card = card(
     "outside_change",
@@ -117,6 +119,7 @@ impl Effect for Friction {
         vec![
             Parameter::strength("m_v", "V", Range { lower: 0.0, upper: 0.2 }, 2e-3),
             Parameter::shape("half_width", "", range, log_grid(0.1 * widest, 0.6 * widest, 2)),
+            Parameter::choice("many", 2),
         ]
     }
 
@@ -124,30 +127,39 @@ impl Effect for Friction {
         if !at.is_cell {
             return z_ohm;
         }
-        let per_c = p[0] / (p[1] * 3600.0 * base.ocv.capacity_ah);
+        let halves = halves_c(p, base);
+        let per_c = p[0] * halves.iter().map(|half_c| 1.0 / half_c).sum::<f64>() / halves.len() as f64;
         z_ohm - Complex64::new(0.0, per_c / (TAU * at.freq_hz))
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        Some(Box::new(Dragged { m_v: p[0], half_c: p[1] * 3600.0 * base.ocv.capacity_ah, stretched_c: 0.0 }))
+        let elements = halves_c(p, base).into_iter().map(|half_c| (half_c, 0.0)).collect();
+        Some(Box::new(Dragged { m_v: p[0], elements }))
     }
+}
+
+/// Half widths of the elements, C.
+fn halves_c(p: &[f64], base: &Base) -> Vec<f64> {
+    let widest_c = p[1] * 3600.0 * base.ocv.capacity_ah;
+    let count = if p[2] > 0.5 { ELEMENTS } else { 1 };
+    (1..=count).map(|k| widest_c * k as f64 / count as f64).collect()
 }
 
 struct Dragged {
     m_v: f64,
-    /// Half width, C.
-    half_c: f64,
-    /// Charge put in since the drag began, C, within the half width.
-    stretched_c: f64,
+    /// Of each element the half width and the charge put in since its drag began, within the half width, C.
+    elements: Vec<(f64, f64)>,
 }
 
 impl Dynamics for Dragged {
     fn voltage_v(&self, _at: &Instant) -> f64 {
-        self.m_v * self.stretched_c / self.half_c
+        self.m_v * self.elements.iter().map(|(half_c, stretched_c)| stretched_c / half_c).sum::<f64>() / self.elements.len() as f64
     }
 
     fn advance(&mut self, at: &Instant, step_s: f64) {
-        self.stretched_c = (self.stretched_c - at.current_a * step_s).clamp(-self.half_c, self.half_c);
+        for (half_c, stretched_c) in &mut self.elements {
+            *stretched_c = (*stretched_c - at.current_a * step_s).clamp(-*half_c, *half_c);
+        }
     }
 }
 

@@ -111,4 +111,12 @@ pub enum SineError {
         /// Last step, Hz.
         step_hz: f64,
     },
+    /// Samples that are kept elsewhere cannot be read.
+    #[error("channel {channel}: {reason}")]
+    Unreadable {
+        /// Channel, counted from 1.
+        channel: usize,
+        /// Why, in words.
+        reason: String,
+    },
 }

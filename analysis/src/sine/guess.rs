@@ -95,6 +95,7 @@ fn values(channel: &Channel<'_>, number: usize) -> Result<Vec<f64>, SineError> {
             None if samples.iter().any(|v| is_inside(*v, *range_v)) => Ok(samples.to_vec()),
             None => Err(SineError::AllClipped { channel: number, clipped: samples.len() }),
         },
+        Channel::Stored(_) => Err(SineError::Unreadable { channel: number, reason: "a frequency is needed to begin with".to_owned() }),
         Channel::Codes { codes, scale } => {
             if !codes.iter().any(|code| is_inside(*code, code_bounds(scale))) {
                 return Err(SineError::AllClipped { channel: number, clipped: codes.len() });

@@ -66,29 +66,40 @@ impl Stage {
 
 /// Codes for the integer kernel, if they are.
 fn narrow(channel: &Channel<'_>, exclude_clipped: bool) -> Option<Narrow> {
-    let Channel::Codes { scale, .. } = channel else { return None };
+    let scale = channel.scale()?;
     let span = i32::from(scale.code_max) - i32::from(scale.code_min);
     let fits = exclude_clipped && span <= NARROW_SPAN;
-    fits.then(|| Narrow { pivot: code_pivot(scale), bounds: (scale.code_min, scale.code_max) })
+    fits.then(|| Narrow { pivot: code_pivot(&scale), bounds: (scale.code_min, scale.code_max) })
 }
 
 /// Sums of all channels.
 pub(super) fn accumulate(record: &Record<'_>, stage: &Stage, exclude_clipped: bool) -> Result<Vec<Moments>, SineError> {
-    let samples = stage.basis.samples();
-    let pieces =
-        |start: usize| -> Vec<Piece> { record.channels.iter().map(|channel| piece(channel, stage, start, exclude_clipped)).collect() };
-    let starts: Vec<usize> = (0..samples).step_by(CHUNK).collect();
-    // A short record is done before the other cores have woken up.
-    let chunks: Vec<Vec<Piece>> = if starts.len() > 1 {
-        starts.par_iter().map(|start| pieces(*start)).collect()
-    } else {
-        starts.iter().map(|start| pieces(*start)).collect()
-    };
     let mut all = Vec::with_capacity(record.channels.len());
     for (index, channel) in record.channels.iter().enumerate() {
-        let own = chunks.iter().map(|pieces| &pieces[index]);
+        let chunks = pieces((index + 1, channel), stage, exclude_clipped)?;
+        let own = chunks.iter();
         let moments = gather(own, stage, narrow(channel, exclude_clipped).is_some());
         all.push(moments.map_err(|(at, value)| SineError::NotFinite { channel: index + 1, index: at, value })?);
+    }
+    Ok(all)
+}
+
+/// Sums of one channel over its chunks, in order.
+fn pieces((number, channel): (usize, &Channel<'_>), stage: &Stage, exclude_clipped: bool) -> Result<Vec<Piece>, SineError> {
+    let samples = stage.basis.samples();
+    let segment = channel.segment();
+    let level = pivot(channel);
+    let of_segment = |base: usize| -> Result<Vec<Piece>, SineError> {
+        let loaded = channel.load(number, base)?;
+        let starts: Vec<usize> = (base..(base + segment).min(samples)).step_by(CHUNK).collect();
+        let one = |start: &usize| piece(&loaded.channel(), stage, (*start, base, level), exclude_clipped);
+        // A short record is done before the other cores have woken up.
+        Ok(if starts.len() > 1 { starts.par_iter().map(one).collect() } else { starts.iter().map(one).collect() })
+    };
+    let mut all = Vec::with_capacity(samples.div_ceil(CHUNK));
+    // One after the other: what is read at once bounds the memory.
+    for base in (0..samples).step_by(segment) {
+        all.append(&mut of_segment(base)?);
     }
     Ok(all)
 }
@@ -141,15 +152,17 @@ fn gather<'a>(pieces: impl Iterator<Item = &'a Piece>, stage: &Stage, narrow: bo
     Ok(all)
 }
 
-fn piece(channel: &Channel<'_>, stage: &Stage, start: usize, exclude_clipped: bool) -> Piece {
-    let level = pivot(channel);
+/// `base`: the sample of the record that is the channel's first.
+fn piece(channel: &Channel<'_>, stage: &Stage, (start, base, level): (usize, usize, f64), exclude_clipped: bool) -> Piece {
     match channel {
+        // It was read before.
+        Channel::Stored(_) => Part::<f64> { stage, samples: &[], start, base, level, bounds: None, exclude_clipped }.collect(|_| {}),
         Channel::Volts { samples, range_v, .. } => {
-            let part = Part { stage, samples, start, level, bounds: *range_v, exclude_clipped };
+            let part = Part { stage, samples, start, base, level, bounds: *range_v, exclude_clipped };
             part.collect(|piece| part.each_floating(|sums| piece.add_block(&part, sums)))
         }
         Channel::Codes { codes, scale } => {
-            let part = Part { stage, samples: codes, start, level, bounds: code_bounds(scale), exclude_clipped };
+            let part = Part { stage, samples: codes, start, base, level, bounds: code_bounds(scale), exclude_clipped };
             match narrow(channel, exclude_clipped) {
                 Some(narrow) => part.collect(|piece| {
                     kernel::each_narrow(stage.frame(), narrow, part.chunk(1), |sums| piece.add_block(&part, sums));
@@ -165,6 +178,8 @@ struct Part<'a, S> {
     stage: &'a Stage,
     samples: &'a [S],
     start: usize,
+    /// The sample of the record that is the first of `samples`.
+    base: usize,
     level: f64,
     bounds: Bounds<S>,
     exclude_clipped: bool,
@@ -173,7 +188,8 @@ struct Part<'a, S> {
 impl<S: Sample> Part<'_, S> {
     /// Samples of the chunk, and some after it if there are any.
     fn chunk(&self, after: usize) -> &[S] {
-        &self.samples[self.start..(self.start + CHUNK + after).min(self.samples.len())]
+        let from = self.start - self.base;
+        &self.samples[from..(from + CHUNK + after).min(self.samples.len())]
     }
 
     fn counts(&self, sample: S) -> bool {
@@ -215,7 +231,7 @@ impl<S: Sample> Part<'_, S> {
         let place = self.stage.basis.place(first);
         let mut row = vec![0.0; self.stage.basis.columns()];
         for k in 0..count {
-            let sample = self.samples[first + k];
+            let sample = self.samples[first - self.base + k];
             let value: f64 = sample.into();
             if !value.is_finite() {
                 piece.fault = Some((first + k, value));
@@ -231,7 +247,7 @@ impl<S: Sample> Part<'_, S> {
             piece.gram.add_product(&row, &row);
             piece.sums.columns.iter_mut().zip(&row).for_each(|(sum, column)| *sum += column * x);
             piece.sums.squares += x * x;
-            if let Some(next) = self.samples.get(first + k + 1) {
+            if let Some(next) = self.samples.get(first - self.base + k + 1) {
                 piece.sums.lagged += x * ((*next).into() - self.level);
             }
             piece.used += 1;

@@ -5,11 +5,11 @@
 
 use rayon::prelude::*;
 
-use super::Channel;
 use super::basis::dot;
 use super::moments::{CHUNK, Moments, Stage};
 use super::sample::{Bounds, Sample, code_bounds, is_inside, pivot};
 use super::table::BLOCK;
+use super::{Channel, SineError};
 
 /// Share of the sum of squares that must be left for the sums of the first pass to tell it: they are good to about 10⁻¹⁵ of it.
 const LEFT_BY_SUMS: f64 = 1e-9;
@@ -46,28 +46,56 @@ impl Residual {
 /// Standard deviations at which a correlation counts as one.
 const SIGNIFICANT: f64 = 4.0;
 
-/// Residuals of a channel.
-pub(super) fn residual(channel: &Channel<'_>, stage: &Stage, fit: (&Moments, &[f64]), exclude_clipped: bool) -> Residual {
-    let level = pivot(channel);
-    match channel {
-        Channel::Volts { samples, range_v, .. } => {
-            of_samples(stage, fit.1, &Source { samples, level, bounds: if exclude_clipped { *range_v } else { None } })
-        }
-        Channel::Codes { codes, scale } => by_sums(channel, stage, fit).unwrap_or_else(|| {
-            of_samples(stage, fit.1, &Source { samples: codes, level, bounds: if exclude_clipped { code_bounds(scale) } else { None } })
-        }),
+/// Residuals of a channel, which is the `number`th of its record.
+///
+/// # Errors
+/// Samples that cannot be read.
+pub(super) fn residual(
+    (number, channel): (usize, &Channel<'_>),
+    stage: &Stage,
+    fit: (&Moments, &[f64]),
+    exclude_clipped: bool,
+) -> Result<Residual, SineError> {
+    if channel.scale().is_some()
+        && let Some(known) = by_sums((number, channel), stage, fit)?
+    {
+        return Ok(known);
     }
+    let (level, segment) = (pivot(channel), channel.segment());
+    let mut pieces: Vec<Piece> = Vec::new();
+    for base in (0..channel.len()).step_by(segment) {
+        let loaded = channel.load(number, base)?;
+        match loaded.channel() {
+            Channel::Volts { samples, range_v, .. } => {
+                let bounds = if exclude_clipped { range_v } else { None };
+                let samples = &samples[..samples.len().min(segment)];
+                pieces.append(&mut of_samples(stage, fit.1, &Source { samples, base, level, bounds }));
+            }
+            Channel::Codes { codes, scale } => {
+                let bounds = if exclude_clipped { code_bounds(&scale) } else { None };
+                let samples = &codes[..codes.len().min(segment)];
+                pieces.append(&mut of_samples(stage, fit.1, &Source { samples, base, level, bounds }));
+            }
+            Channel::Stored(_) => {}
+        }
+    }
+    Ok(joined(&pieces))
 }
 
 /// Residuals from the sums, if these can tell.
-fn by_sums(channel: &Channel<'_>, stage: &Stage, (moments, beta): (&Moments, &[f64])) -> Option<Residual> {
-    let Channel::Codes { codes, .. } = channel else { return None };
+fn by_sums(
+    (number, channel): (usize, &Channel<'_>),
+    stage: &Stage,
+    (moments, beta): (&Moments, &[f64]),
+) -> Result<Option<Residual>, SineError> {
+    let count = channel.len();
     let sum_squares = moments.squares - dot(beta, &moments.right);
-    if moments.used < codes.len() || sum_squares <= LEFT_BY_SUMS * moments.squares {
-        return None;
+    if moments.used < count || sum_squares <= LEFT_BY_SUMS * moments.squares {
+        return Ok(None);
     }
-    let x = |code: &i16| f64::from(*code) - pivot(channel);
-    let (first, last) = (codes.first().map(x)?, codes.last().map(x)?);
+    let level = pivot(channel);
+    let x = |index: usize| channel.code(number, index).map(|code| code.map(|code| f64::from(code) - level));
+    let (Some(first), Some(last)) = (x(0)?, x(count.saturating_sub(1))?) else { return Ok(None) };
     let model = |index: f64| dot(beta, &stage.basis.row_at(index));
     // The model one sample later is the model on shifted columns; the ends, which have one neighbour only, are set right.
     let shifted = |samples: f64, sums: &[f64]| {
@@ -75,15 +103,17 @@ fn by_sums(channel: &Channel<'_>, stage: &Stage, (moments, beta): (&Moments, &[f
         stage.basis.shift(samples).apply(&mut sums);
         dot(beta, &sums)
     };
-    let end = codes.len() as f64;
+    let end = count as f64;
     let samples_model = shifted(1.0, &moments.right) - last * model(end) + shifted(-1.0, &moments.right) - first * model(-1.0);
     let model_model = shifted(1.0, &moments.gram.times(beta)) - model(end - 1.0) * model(end);
-    Some(Residual { sum_squares, sum_lagged: moments.lagged - samples_model + model_model, pairs: codes.len() - 1 })
+    Ok(Some(Residual { sum_squares, sum_lagged: moments.lagged - samples_model + model_model, pairs: count - 1 }))
 }
 
 /// Samples with what is taken from them and the bounds of those that count.
 struct Source<'a, S> {
     samples: &'a [S],
+    /// The sample of the record that is the first of them.
+    base: usize,
     level: f64,
     bounds: Bounds<S>,
 }
@@ -96,11 +126,13 @@ struct Piece {
     last: Option<f64>,
 }
 
-fn of_samples<S: Sample>(stage: &Stage, beta: &[f64], source: &Source<'_, S>) -> Residual {
+fn of_samples<S: Sample>(stage: &Stage, beta: &[f64], source: &Source<'_, S>) -> Vec<Piece> {
     let chunks: Vec<&[S]> = source.samples.chunks(CHUNK).collect();
-    let one = |(number, chunk): (usize, &&[S])| of_chunk(stage, beta, source, (number * CHUNK, chunk));
-    let pieces: Vec<Piece> =
-        if chunks.len() > 1 { chunks.par_iter().enumerate().map(one).collect() } else { chunks.iter().enumerate().map(one).collect() };
+    let one = |(number, chunk): (usize, &&[S])| of_chunk(stage, beta, source, (source.base + number * CHUNK, chunk));
+    if chunks.len() > 1 { chunks.par_iter().enumerate().map(one).collect() } else { chunks.iter().enumerate().map(one).collect() }
+}
+
+fn joined(pieces: &[Piece]) -> Residual {
     let (mut sums, mut before) = (Residual::default(), None);
     for piece in pieces {
         sums.sum_squares += piece.sums.sum_squares;

@@ -37,6 +37,7 @@ pub(super) fn pivot(channel: &Channel<'_>) -> f64 {
     match channel {
         Channel::Volts { samples, .. } => samples.first().copied().filter(|v| v.is_finite()).unwrap_or(0.0),
         Channel::Codes { scale, .. } => f64::from(code_pivot(scale)),
+        Channel::Stored(stored) => stored.scale.map_or(stored.level_v, |scale| f64::from(code_pivot(&scale))),
     }
 }
 

@@ -34,6 +34,9 @@ pub(super) fn check_record(record: &Record<'_>) -> Result<(), SineError> {
         }
         let (step_v, offset_v) = match channel {
             Channel::Volts { lsb_v, .. } => (lsb_v.unwrap_or(1.0), 0.0),
+            Channel::Stored(stored) => {
+                stored.scale.map_or((stored.lsb_v.unwrap_or(1.0), 0.0), |scale| (scale.volts_per_code, scale.offset_v))
+            }
             Channel::Codes { scale, .. } => (scale.volts_per_code, scale.offset_v),
         };
         if !(step_v > 0.0 && step_v.is_finite() && offset_v.is_finite()) {
@@ -183,7 +186,7 @@ impl Task<'_> {
             moments.right.iter_mut().zip(&taken).for_each(|(sum, part)| *sum += part);
         }
         let beta = normal.solve(&moments.right);
-        let left = residual(channel, stage, (&moments, &beta), self.exclude_clipped);
+        let left = residual((number, channel), stage, (&moments, &beta), self.exclude_clipped)?;
         let freedom = (found - normal.size()).max(1) as f64;
         let (noise, step) = (left.sum_squares / freedom, lsb(channel).unwrap_or(0.0));
         let mut solved = Solved { moments, normal, beta, left, noise, floor: step * step / 12.0, systematic: None, extra: 0.0 };
@@ -214,6 +217,7 @@ impl Task<'_> {
 fn lsb(channel: &Channel<'_>) -> Option<f64> {
     match channel {
         Channel::Volts { lsb_v, .. } => *lsb_v,
+        Channel::Stored(stored) => stored.scale.map_or(stored.lsb_v, |scale| Some(f64::from(scale.code_step.max(1)))),
         Channel::Codes { scale, .. } => Some(f64::from(scale.code_step.max(1))),
     }
 }
@@ -287,6 +291,7 @@ impl State {
         let zero_v = match channel {
             Channel::Volts { .. } => 0.0,
             Channel::Codes { scale, .. } => -scale.offset_v,
+            Channel::Stored(stored) => stored.scale.map_or(0.0, |scale| -scale.offset_v),
         };
         let Phasor { phasor, variance } = self.phasor(record, (channel, solved), (0, self.freq_hz));
         let power = |power: usize| {
@@ -316,6 +321,7 @@ fn volts_per_unit(channel: &Channel<'_>) -> f64 {
     match channel {
         Channel::Volts { .. } => 1.0,
         Channel::Codes { scale, .. } => scale.volts_per_code,
+        Channel::Stored(stored) => stored.scale.map_or(1.0, |scale| scale.volts_per_code),
     }
 }
 

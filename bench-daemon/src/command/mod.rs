@@ -1,7 +1,9 @@
 //! What the command line does, one file per command.
 
 pub mod clear;
+pub mod convert;
 pub mod diagnose;
+pub mod doctor;
 pub mod effects;
 mod files;
 pub mod fit;
@@ -19,19 +21,22 @@ pub mod pack_simulate;
 pub mod pack_size;
 pub mod plan;
 pub mod profile_args;
+pub mod replay;
 pub mod resume;
 pub mod run;
 pub mod safe;
 pub mod serve;
+pub mod serve_record;
 pub mod simulate;
 pub mod sop;
 pub mod study;
 pub mod token;
+pub mod verify;
 pub mod wish;
 
 use crate::{
     bench::BenchError, config::ConfigError, executor::ExecuteError, guardian::GuardianError, plan::PlanError, record::RecordError,
-    sim::SimError, state::StateError,
+    sim::SimError, state::StateError, sums::SumsError,
 };
 
 /// Why a command ended without its result.
@@ -49,6 +54,16 @@ pub enum Failure {
     /// A bench that cannot be used.
     #[error(transparent)]
     Bench(#[from] BenchError),
+    /// Not every instrument is there, or of a known model.
+    #[error("{wrong} of {asked} instruments did not answer, or are not the model that was expected: {listed}")]
+    Unidentified {
+        /// How many were asked.
+        asked: usize,
+        /// How many are wrong.
+        wrong: usize,
+        /// Their roles or addresses.
+        listed: String,
+    },
     /// A simulation that cannot be made.
     #[error(transparent)]
     Sim(#[from] SimError),
@@ -61,6 +76,9 @@ pub enum Failure {
     /// The fixture check.
     #[error("fixture check failed: {0}")]
     FixtureCheck(String),
+    /// The doctor found something wrong.
+    #[error("the doctor found what must be mended first: {0}")]
+    Doctor(String),
     /// Ctrl-C, or another request to stop.
     #[error("stopped on request; the bench is in safe state, finished points are in {0}")]
     Interrupted(String),
@@ -78,9 +96,18 @@ pub enum Failure {
     /// A bench that is in use, or latched, or whose state cannot be written.
     #[error(transparent)]
     State(StateError),
+    /// A run folder that a process works in.
+    #[error("{0}")]
+    Going(String),
     /// The guardian.
     #[error(transparent)]
     Guardian(#[from] GuardianError),
+    /// A run folder that is not what it was, or whose numbers do not follow from its captures.
+    #[error("{0}")]
+    Differs(String),
+    /// Hashes that cannot be written.
+    #[error(transparent)]
+    Sums(#[from] SumsError),
     /// A result that cannot be computed or drawn.
     #[error("{0}")]
     Analysis(String),
@@ -96,18 +123,24 @@ impl Failure {
             Self::Usage(_) | Self::Config(_) | Self::Plan(_) => 2,
             Self::Sim(SimError::Config(_) | SimError::Real { .. } | SimError::Model { .. }) => 2,
             Self::Record(RecordError::NotEmpty { .. }) => 2,
-            Self::Bench(_) | Self::Sim(SimError::Port { .. }) => 3,
+            Self::Bench(_) | Self::Unidentified { .. } | Self::Sim(SimError::Port { .. }) => 3,
             Self::Execute(ExecuteError::Trip(_) | ExecuteError::CellLeftIn { .. }) => 5,
-            Self::Execute(ExecuteError::Record(_)) | Self::Record(_) | Self::Analysis(_) | Self::Panic(_) | Self::System(_) => 1,
+            Self::Execute(ExecuteError::Record(_))
+            | Self::Record(_)
+            | Self::Sums(_)
+            | Self::Analysis(_)
+            | Self::Panic(_)
+            | Self::System(_) => 1,
             Self::Execute(ExecuteError::Aborted) => 130,
             Self::Execute(_) => 3,
-            Self::FixtureCheck(_) => 4,
+            Self::FixtureCheck(_) | Self::Doctor(_) => 4,
             Self::Unsafe { .. } => 6,
             Self::State(StateError::Latched { .. }) => 7,
-            Self::State(StateError::Busy { .. }) | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,
-            Self::State(StateError::Io { .. }) | Self::Guardian(GuardianError::State(_)) => 2,
+            Self::Going(_) | Self::State(StateError::Busy { .. }) | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,
+            Self::State(StateError::Io { .. } | StateError::Nowhere) | Self::Guardian(GuardianError::State(_)) => 2,
             Self::Guardian(GuardianError::Bench(_) | GuardianError::Refused(_)) => 3,
             Self::Guardian(_) => 9,
+            Self::Differs(_) => 10,
             Self::Interrupted(_) => 130,
         }
     }

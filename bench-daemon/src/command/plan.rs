@@ -1,6 +1,6 @@
 //! `eis-bench plan`: what would be done.
 
-use crate::terminal::say;
+use crate::terminal::{remark, say};
 use crate::{cli::PlanArgs, command::Failure, config::load_experiment, procedure};
 
 /// Prints the plan of an experiment.
@@ -17,6 +17,7 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
             say!("  {step}");
         }
     }
+    experiment.cell.wide.iter().for_each(|text| remark!("eis-bench: {text}"));
     let hours = |seconds: f64| format!("{:.0} h {:02.0} min", (seconds / 3600.0).floor(), (seconds % 3600.0) / 60.0);
     say!("\nabout {}, at most {} of bench time", hours(plan.plan().expected_s()), hours(plan.plan().longest_s()));
     Ok(())

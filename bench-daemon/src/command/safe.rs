@@ -27,7 +27,8 @@ pub struct SafeArgs {
     pub kill: bool,
 }
 
-/// Brings a bench into safe state and prints what was read back.
+/// Brings a bench into safe state and prints what was read back. A process that runs the bench is asked to end first, so that nobody switches on again
+/// what was switched off here.
 ///
 /// # Errors
 /// [`Failure::Unsafe`] when it could not be verified.
@@ -42,33 +43,65 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         remark!("eis-bench: {error}");
         None
     });
-    let holder = state.as_ref().and_then(|state| state.holder().ok().flatten());
+    let state = state.as_ref();
+    let holder = state.and_then(|state| state.holder().ok().flatten());
     if let Some(holder) = &holder {
-        end(holder, args.kill);
+        end(holder, if args.kill { Signal::SIGKILL } else { Signal::SIGTERM });
     }
-    let clock_mode = bench.time();
-    Clock::runtime(clock_mode)?.block_on(switch_off(&bench, Clock::start(clock_mode), state.as_ref())).inspect_err(|_| {
-        if holder.is_some() && !args.kill {
-            remark!(
-                "eis-bench: instruments that take one client only answer after the process that runs the bench has ended: --kill ends it"
-            );
+    Clock::runtime(bench.time())?.block_on(async {
+        let clock = Clock::start(bench.time());
+        // Who ends on request switches off by itself, and lets go of instruments that take one client.
+        let gone = ended(state, &clock, ENDS_S.0).await;
+        switch_off(&bench, &clock, state).await.inspect_err(|_| {
+            if !gone {
+                remark!("eis-bench: instruments that take one client answer only after the process that runs the bench has ended: --kill ends it");
+            }
+        })?;
+        if gone {
+            return Ok(());
         }
+        if ended(state, &clock, ENDS_S.1).await {
+            say!("the process that ran the bench has ended by now; once more:");
+            return switch_off(&bench, &clock, state).await;
+        }
+        let text = "everything was off, but the process that runs the bench does not end and may switch on again: --kill ends it".to_owned();
+        Err(Failure::Unsafe { failures: text, cause: String::new() })
     })
 }
 
-fn end(Holder { pid, run }: &Holder, wanted: bool) {
-    remark!("process {pid} runs this bench for {}", run.display());
-    // Not 0 and not 1: those are whole groups.
-    if wanted && *pid > 1 {
-        match kill(Pid::from_raw(*pid), Signal::SIGKILL) {
-            Ok(()) => remark!("process {pid} was killed; its guardian switches off too"),
-            Err(error) => remark!("process {pid} cannot be killed: {error}"),
+/// How long the process that runs the bench may take to end before the bench is switched off beside it, and after that, s.
+const ENDS_S: (f64, f64) = (5.0, 15.0);
+const LOOK_S: f64 = 0.1;
+
+/// Waits until nobody runs the bench, so long at most; whether it is so.
+async fn ended(state: Option<&State>, clock: &Clock, at_most_s: f64) -> bool {
+    let start_s = clock.machine_s();
+    while state.is_some_and(|state| matches!(state.holder(), Ok(Some(_)))) {
+        if clock.machine_s() - start_s > at_most_s {
+            return false;
         }
+        clock.sleep_s(LOOK_S).await;
+    }
+    true
+}
+
+/// Ends the process that runs the bench. A number that another process has got by now is left alone.
+fn end(holder: &Holder, how: Signal) {
+    let Holder { pid, run, .. } = holder;
+    remark!("process {pid} runs this bench for {}", run.display());
+    if !holder.lives() {
+        remark!("process {pid} is not the one that took the bench: it is left alone");
+        return;
+    }
+    match (kill(Pid::from_raw(*pid), how), how) {
+        (Ok(()), Signal::SIGKILL) => remark!("process {pid} was killed; its guardian switches off too"),
+        (Ok(()), _) => remark!("process {pid} was asked to end its run and to switch off"),
+        (Err(error), _) => remark!("process {pid} cannot be ended: {error}"),
     }
 }
 
-async fn switch_off(config: &config::Bench, clock: Clock, state: Option<&State>) -> Result<(), Failure> {
-    let connections = Connections { clock, hub: MemoryHub::new(), taps: BTreeMap::new() };
+async fn switch_off(config: &config::Bench, clock: &Clock, state: Option<&State>) -> Result<(), Failure> {
+    let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps: BTreeMap::new() };
     let mut bench = Bench::unconnected(config, &connections)?;
     let failures = bench.safe_state().await.err().unwrap_or_default();
     for (role, read) in bench.read_back().await {

@@ -7,8 +7,10 @@ use clap::Args;
 use crate::terminal::say;
 use crate::{
     command::{Failure, run::begun_experiment},
-    journal::{self, Entry},
+    config,
+    journal::{self, Entry, Line},
     procedure,
+    state::{Holder, State, is_stopped},
     story::Story,
     wishes::{self, Course, Standing, Wishes},
 };
@@ -104,5 +106,46 @@ fn going_on(folder: &Path) -> Result<Story, Failure> {
     if lines.iter().any(|line| matches!(&line.entry, Entry::Started(started) if started.time == "virtual")) {
         return Err(usage("expected a run in real or scaled time: in virtual time nobody is asked".to_owned()));
     }
+    if !journal::is_written(folder) {
+        return Err(usage(unheard(folder, &story, &lines)));
+    }
+    let holder = begun_experiment(folder, &story.started).ok().and_then(|begun| State::of(&begun.bench).ok()??.holder().ok()?);
+    if let Some(Holder { pid, .. }) = holder.filter(|holder| is_stopped(holder.pid)) {
+        let text =
+            format!("nobody listens: process {pid}, which runs it, is stopped; `eis-bench safe --kill BENCH` ends it and switches off");
+        return Err(usage(text));
+    }
     Ok(story)
+}
+
+/// Of a run whose process is gone: that nobody hears, how far it came, what its bench was left in, and what to do.
+fn unheard(folder: &Path, story: &Story, lines: &[Line]) -> String {
+    let points: usize = story.stages.values().map(|stage| stage.points.len()).sum();
+    let last = lines.iter().rev().find_map(|line| match &line.entry {
+        Entry::Intent { text, .. } => Some(text.as_str()),
+        _ => None,
+    });
+    let left = match begun_experiment(folder, &story.started) {
+        Ok(begun) => left(&begun.bench),
+        Err(error) => format!("what its bench was left in is not known ({error})"),
+    };
+    format!(
+        "nobody listens: the process of this run is gone, at {:.0} s of bench time, {points} points finished, last in step \"{}\"; {left}; \
+         `eis-bench resume {}` goes on with it",
+        story.last_s,
+        last.unwrap_or("none"),
+        folder.display()
+    )
+}
+
+/// What a run has left its bench in, by what is written down of it.
+fn left(bench: &config::Bench) -> String {
+    let safe = format!("`eis-bench safe {}` switches off at any time", bench.path.display());
+    match State::of(bench).and_then(|state| state.map_or(Ok(None), |state| Ok(Some((state.latched()?, state.open_run()?))))) {
+        Ok(Some((Some(cause), _))) => format!("its bench is latched: {cause}; {safe}"),
+        Ok(Some((None, Some(_)))) => format!("nobody has verified yet that its bench is off: {safe}"),
+        Ok(Some((None, None))) => "its bench was switched off after it".to_owned(),
+        Ok(None) => "its simulated bench is gone with it".to_owned(),
+        Err(error) => format!("what its bench was left in is not known ({error}): {safe}"),
+    }
 }

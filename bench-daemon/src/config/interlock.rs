@@ -18,6 +18,7 @@ pub(super) struct Section {
     charge_max: Option<Quantity<Share>>,
     charge_drift_max: Option<Quantity<Share>>,
     frozen_charge: Option<Quantity<Share>>,
+    frozen_time: Option<Quantity<Duration>>,
     reading_age_max: Option<Quantity<Duration>>,
     temperature_age_max: Option<Quantity<Duration>>,
 }
@@ -47,8 +48,9 @@ impl Section {
             charge_c: 0.01 * capacity_c * within(("charge_max", share(self.charge_max), 110.0, (1.0, 1000.0), "%"))?,
             drift_c: 0.01 * capacity_c * within(("charge_drift_max", share(self.charge_drift_max), 2.0, (0.01, 1000.0), "%"))?,
             frozen_c: 0.01 * capacity_c * within(("frozen_charge", share(self.frozen_charge), 2.0, (0.01, 1000.0), "%"))?,
+            frozen_s: within(("frozen_time", si(self.frozen_time), 30.0, (10.0, 3600.0), "s"))?,
             reading_age_s: within(("reading_age_max", si(self.reading_age_max), 15.0, (2.0, 600.0), "s"))?,
-            temperature_age_s: within(("temperature_age_max", si(self.temperature_age_max), 60.0, (20.0, 3600.0), "s"))?,
+            temperature_age_s: within(("temperature_age_max", si(self.temperature_age_max), 60.0, (10.0, 3600.0), "s"))?,
         })
     }
 }

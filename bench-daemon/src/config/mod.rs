@@ -4,16 +4,18 @@
 mod campaign;
 mod check;
 mod interlock;
+mod limits;
 mod multisine;
 mod ocv_soc;
 mod quality;
 pub mod quantity;
 mod raw;
 mod resolve;
+mod simulation;
 mod source;
 mod trace;
 
-use std::path::PathBuf;
+use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{plan::Missed, quality::Quality};
 use analysis::{
@@ -24,7 +26,7 @@ use analysis::{
 };
 use instruments::{
     clock::TimeMode,
-    mock::{Schedule, plant::Fixture},
+    mock::{Schedule, plant::Fixture, quirks::Quirks},
     transport::Address,
 };
 
@@ -34,6 +36,7 @@ pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
 pub use resolve::{load_any_bench, load_bench, load_experiment, resolve_experiment};
 pub use source::{ConfigError, Copies, Fence, Source};
+pub(crate) use trace::{AFTER_WAVE_S, BEFORE_S};
 pub use trace::{Segment, Trace};
 
 /// A complete experiment.
@@ -94,12 +97,21 @@ pub struct Bench {
     pub state_folder: PathBuf,
     /// The process that watches over it.
     pub guardian: Guardian,
+    /// How a bath is held whose loop the daemon closes.
+    pub thermostat: Thermostat,
+    /// What a run asks of the last look of the doctor.
+    pub doctor: Doctor,
 }
 
 impl Bench {
     /// Whether it is simulated in this process: then nothing of it is left when the process has ended.
     pub fn in_process(&self) -> bool {
         self.instruments.addressed().iter().all(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }))
+    }
+
+    /// Whether mocks on this machine stand for its instruments: nothing at these addresses outlives the process that serves them.
+    pub fn is_mocked(&self) -> bool {
+        self.simulation.is_some() && self.instruments.addressed().iter().all(|(_, instrument)| resolve::is_local(&instrument.address))
     }
 
     /// How bench time runs.
@@ -115,6 +127,30 @@ pub struct Guardian {
     pub lease_s: f64,
     /// The daemon may compute for so long between two waits, s: after that it counts as hung, and the lease is not renewed.
     pub stall_s: f64,
+}
+
+/// How the daemon holds a bath with relays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thermostat {
+    /// So far from the set-point a relay is on all the time, K.
+    pub band_k: f64,
+    /// Time in which a standing error doubles its effect, s.
+    pub integral_s: f64,
+    /// A relay is switched on once in it, s.
+    pub window_s: f64,
+    /// Without a reading for longer the run is stopped, s.
+    pub stale_s: f64,
+    /// What the sensor shows too much, K.
+    pub sensor_offset_k: f64,
+}
+
+/// What a run asks of the last report of `eis-bench doctor`.
+#[derive(Debug, Clone, Copy)]
+pub struct Doctor {
+    /// Without a valid report nothing is energised; else its want is remarked.
+    pub required: bool,
+    /// A report is valid for so long, s.
+    pub valid_for_s: f64,
 }
 
 /// The instruments by role.
@@ -184,6 +220,15 @@ pub struct Instrument {
     pub model: String,
     /// Where it is reached.
     pub address: Address,
+    /// What the identity of another model contains that is to be spoken to as this one all the same.
+    pub accept: Option<String>,
+}
+
+impl Instrument {
+    /// Whether it is to be spoken to as this model although it answers as another one.
+    pub fn accepts(&self, identity: &str) -> bool {
+        self.accept.as_deref().is_some_and(|text| !text.is_empty() && identity.contains(text))
+    }
 }
 
 /// Who changes the fixture.
@@ -219,6 +264,8 @@ pub struct Simulation {
     pub time: TimeMode,
     /// What goes wrong between the simulated instruments and their client.
     pub faults: Option<Schedule>,
+    /// What a mock is told to do differently, by role.
+    pub quirks: BTreeMap<&'static str, Quirks>,
 }
 
 /// A cell and what may be done to it.
@@ -239,6 +286,9 @@ pub struct Cell {
     /// Open-circuit voltage as the data sheet or an earlier cell shows it.
     #[serde(skip)]
     pub ocv: Option<OcvCurve>,
+    /// What of its limits is beyond its data or common sense, in words.
+    #[serde(skip)]
+    pub wide: Vec<String>,
 }
 
 /// A temperature to hold.
@@ -339,6 +389,8 @@ pub struct Eis {
     pub steps_a: Vec<f64>,
     /// Each sweep goes there and back, and every point counts at the time in between.
     pub compensate_drift: bool,
+    /// The next point settles while the record of this one is fetched and analysed; where it is not said, in real time only.
+    pub overlap: Option<bool>,
     /// What a point must be to be kept without a flag, where it is asked for.
     pub quality: Option<Quality>,
 }

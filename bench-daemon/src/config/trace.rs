@@ -1,9 +1,15 @@
 //! Currents that step: the sections `[[traces]]` against bench and cell. Whether a trace stays within the cell's limits is the plan's check.
 
+mod average;
+mod rows;
+mod through;
+
 use analysis::dataset::Role;
-use instruments::{generator, instrument::by_key, supply4q};
 
 use super::{ConfigError, Source, check::Check, raw};
+use crate::plan::{Averaged, Through};
+use rows::Row;
+pub(crate) use through::AFTER_WAVE_S;
 
 /// A current that steps, and how it is recorded.
 #[derive(Debug, Clone)]
@@ -24,6 +30,12 @@ pub struct Trace {
     pub resistance_max_ohm: f64,
     /// Currents, one after the other.
     pub segments: Vec<Segment>,
+    /// What they are played through.
+    pub through: Through,
+    /// What became of rows that are shorter than a step.
+    pub averaged: Option<Averaged>,
+    /// Resistance between the cell and the load's voltmeter where load and supply drive, Ω: their current flows through it.
+    pub lead_ohm: f64,
     /// The first mean after a step, s.
     pub first_sample_s: f64,
     /// Share of the time since the step that a further mean lasts.
@@ -43,8 +55,8 @@ pub struct Segment {
     pub power_w: Option<f64>,
 }
 
-/// Shortest segment, s: a step must be found in the record before the next comes.
-const SHORTEST_SEGMENT_S: f64 = 0.5;
+/// Nothing flows for so long before the first row, s.
+pub(crate) const BEFORE_S: f64 = 0.5;
 
 impl Check<'_> {
     /// The traces, and the files that they come from.
@@ -66,8 +78,19 @@ impl Check<'_> {
             return Err(self.complain("traces.name", format!("expected a name of letters, digits, `-` and `_`, found {:?}", raw.name)));
         }
         let field = |part: &str| format!("traces.{}.{part}", raw.name);
-        let greatest_a = self.greatest_a()?;
-        let (segments, source) = self.segments(raw, greatest_a)?;
+        let (rows, source) = self.rows(raw)?;
+        let part = if source.is_some() { "file" } else { "segments" };
+        let (rows, averaged) = match raw.step {
+            Some(step) => {
+                let step_s = self.within(&field("step"), step.si, (1.0e-3, 3600.0), "s")?;
+                let (rows, averaged) = average::averaged(&rows, step_s).map_err(|reason| self.complain(&field("step"), reason))?;
+                (rows, averaged)
+            }
+            None => (rows, None),
+        };
+        let through = self.through(raw.through, &rows, &field(part))?;
+        let least_v = self.cell.limits.min_v;
+        let segments = rows.iter().map(|row| row.segment(least_v)).collect();
         let limits = &self.cell.limits;
         let [low, high] = raw.start_voltage.map(|volts| volts.si);
         if !(limits.min_v <= low && low < high && high <= limits.max_v) {
@@ -85,79 +108,13 @@ impl Check<'_> {
             start_v: (low, high),
             resistance_max_ohm: self.within(&field("resistance_max"), raw.resistance_max.si, (1.0e-4, 1.0), "Ω")?,
             segments,
+            through,
+            averaged,
+            lead_ohm: raw.lead_resistance.map_or(Ok(0.0), |lead| self.within(&field("lead_resistance"), lead.si, (0.0, 0.1), "Ω"))?,
             first_sample_s: self.within(&field("first_sample"), raw.first_sample.si, (2.0e-4, 1.0), "s")?,
             growth: 10.0_f64.powf(1.0 / per_decade) - 1.0,
             longest_s: self.within(&field("longest_interval"), raw.longest_interval.si, (1.0, 3600.0), "s")?,
         };
         Ok((trace, source))
     }
-
-    /// What the bipolar supply and the generator that commands it can drive, A. The load is the voltmeter that tells the voltage at rest.
-    fn greatest_a(&self) -> Result<f64, ConfigError> {
-        let instruments = &self.bench.instruments;
-        let supply = self.needs(instruments.supply4q.as_ref(), "supply4q", "traces")?;
-        let generator = self.needs(instruments.generator.as_ref(), "generator", "traces")?;
-        self.needs(instruments.scope.as_ref(), "scope", "traces")?;
-        self.needs(instruments.load.as_ref(), "load", "traces")?;
-        let supply = by_key(supply4q::DIALECTS, &supply.model).map(|dialect| dialect.capabilities());
-        let peak_v = by_key(generator::DIALECTS, &generator.model).map_or(0.0, |dialect| dialect.capabilities().max_peak.value());
-        Ok(supply.map_or(0.0, |supply| {
-            let amps_per_volt = supply.full_scale.value() / supply.analog_full_scale.value();
-            let headroom_v = peak_v - self.bench.wiring.command_offset_v.abs();
-            supply.full_scale.value().min(amps_per_volt * headroom_v / self.bench.wiring.command_trim)
-        }))
-    }
-
-    fn segments(&self, raw: &raw::Trace, greatest_a: f64) -> Result<(Vec<Segment>, Option<Source>), ConfigError> {
-        let field = |part: &str| format!("traces.{}.{part}", raw.name);
-        let (part, segments, source) = match (&raw.segments, &raw.file) {
-            (Some(list), None) => {
-                let least_v = self.cell.limits.min_v;
-                let segment = |raw: &raw::Segment| match (raw.current, raw.power) {
-                    (Some(current), None) => Ok(Segment { current_a: current.si, duration_s: raw.duration.si, power_w: None }),
-                    (None, Some(power)) => Ok(of_power(power.si, raw.duration.si, least_v)),
-                    _ => Err(self.complain(&field("segments"), "expected a current or a power, and not both")),
-                };
-                let segments = list.iter().map(segment).collect::<Result<_, _>>()?;
-                ("segments", segments, None)
-            }
-            (None, Some(file)) => {
-                let source =
-                    self.source.open(&self.source.relative(file)).map_err(|error| self.complain(&field("file"), error.to_string()))?;
-                ("file", table(&source, self.cell.limits.min_v)?, Some(source))
-            }
-            _ => return Err(self.complain(&field("segments"), "expected segments or a file of them, and not both")),
-        };
-        if segments.is_empty() {
-            return Err(self.complain(&field(part), "expected at least one segment, found none"));
-        }
-        for Segment { current_a, duration_s, .. } in &segments {
-            self.within(&field(part), *current_a, (-greatest_a, greatest_a), "A")?;
-            self.within(&field(part), *duration_s, (SHORTEST_SEGMENT_S, 86_400.0), "s")?;
-        }
-        Ok((segments, source))
-    }
-}
-
-/// A power at worst: the current that it takes at the least voltage.
-fn of_power(power_w: f64, duration_s: f64, least_v: f64) -> Segment {
-    Segment { current_a: power_w / least_v, duration_s, power_w: Some(power_w) }
-}
-
-/// Rows of current or power and duration under the header `current_a,duration_s` or `power_w,duration_s`.
-fn table(source: &Source, least_v: f64) -> Result<Vec<Segment>, ConfigError> {
-    const HEADERS: [&str; 2] = ["current_a,duration_s", "power_w,duration_s"];
-    let complain =
-        |line: usize, reason: String| ConfigError::Field { path: source.path().to_owned(), line, field: HEADERS[0].to_owned(), reason };
-    let mut lines = source.text().lines().enumerate().map(|(index, line)| (index + 1, line.trim()));
-    let found = lines.next().map_or("", |(_, line)| line);
-    let Some(header) = HEADERS.iter().position(|header| *header == found) else {
-        return Err(complain(1, format!("expected the header {} or {}, found {found:?}", HEADERS[0], HEADERS[1])));
-    };
-    let row = |(line, text): (usize, &str)| {
-        let numbers = text.split_once(',').and_then(|(a, b)| Some((a.trim().parse::<f64>().ok()?, b.trim().parse::<f64>().ok()?)));
-        let (value, duration_s) = numbers.ok_or_else(|| complain(line, format!("expected two numbers, found {text:?}")))?;
-        Ok(if header == 0 { Segment { current_a: value, duration_s, power_w: None } } else { of_power(value, duration_s, least_v) })
-    };
-    lines.filter(|(_, text)| !text.is_empty()).map(row).collect()
 }

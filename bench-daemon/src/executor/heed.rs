@@ -34,6 +34,7 @@ impl Executor<'_> {
     }
 
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
+        self.ahead = None;
         self.bench.safe_state().await.map_err(first)?;
         self.recorder.journal(Entry::Safe)?;
         self.recorder.journal(Entry::Paused)?;
@@ -42,9 +43,7 @@ impl Executor<'_> {
         self.interlock.begin(nothing, self.clock.machine_s());
         while self.paused(true)? {
             self.clock.sleep_s(PAUSE_POLL_S).await;
-            if self.bench.supply4q.is_some() {
-                self.watch("paused", fixture).await?;
-            }
+            self.watch_idle("paused", fixture).await?;
         }
         self.recorder.journal(Entry::GoneOn)?;
         Ok(self.recorder.event("goes on on request")?)

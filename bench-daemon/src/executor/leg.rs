@@ -2,7 +2,7 @@
 
 use analysis::dataset::LegRow;
 use instruments::{
-    load::Discharge,
+    load::{Discharge, Draw},
     supply::Charge,
     units::{Amps, Volts},
 };
@@ -57,7 +57,7 @@ impl Executor<'_> {
         let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.experiment.cell.limits.min_v));
         let error = self.bench.error("load");
         let load = require(&mut self.bench.load, "load")?;
-        load.prepare(&Discharge { current: Amps(current_a), stop_below }).await.map_err(&error)?;
+        load.prepare(&Discharge { draw: Draw::Current(Amps(current_a)), stop_below }).await.map_err(&error)?;
         load.energise().await.map_err(&error)?;
         let (start_s, from_c) = (self.clock.now_s(), self.legs.charge_c);
         let mut last_s = start_s;

@@ -1,9 +1,6 @@
 //! One sinusoid: driven, awaited, captured, ranged again where a channel clipped or was too small, analysed.
 
-use analysis::{
-    sine::{self, Channel, Distortion, FitOptions, LeftOut, Note, Record, SineFit},
-    spectrum::ChannelPhasors,
-};
+use analysis::spectrum::ChannelPhasors;
 use instruments::{
     generator::Sine,
     mock::plant::Fixture,
@@ -12,15 +9,15 @@ use instruments::{
 };
 
 use super::{
-    ExecuteError, Executor,
-    beside::{Beside, beside},
+    Beside, ExecuteError, Executor,
+    record::{Asked, Taken, analyse},
     require,
 };
 use crate::{
     config::Eis,
     plan::{MAX_RANGING, Step, fixture_name},
-    quality::{Failing, Measures, measure},
-    record::{CaptureFile, code_scale},
+    quality::{Failing, Measures},
+    record::CaptureFile,
 };
 
 /// The trigger watches the high side of the shunt: a large, clean copy of the current.
@@ -29,22 +26,10 @@ const TRIGGER_CHANNEL: u8 = 2;
 const MIN_SPAN: f64 = 0.04;
 /// A new range is chosen so that the signal spans this share of it.
 const WANTED_SPAN: f64 = 0.5;
-/// Fewest periods that a record must hold.
-const MIN_RECORD_PERIODS: f64 = 2.0;
 /// How far the amplitude of the current may be from its command, as a share.
 const CURRENT_TOLERANCE: f64 = 0.2;
 /// How far a frame may be from the settings that it was asked with, as a share.
 const FRAME_TOLERANCE: f64 = 0.02;
-/// Harmonics that are fitted besides the sinusoid: a cell, a supply or an amplifier driven too far shows in these first.
-const HARMONICS: [u32; 2] = [2, 3];
-/// Distortion from which on a point is noted, as a share.
-const MUCH_DISTORTION: f64 = 0.01;
-/// Standard deviations from which on distortion is no noise.
-const CERTAIN: f64 = 5.0;
-/// Harmonics of the mains that are fitted, its own frequency included.
-const MAINS_ORDERS: u32 = 3;
-/// How far a free fit may find the frequency from the one that was set.
-const FREQ_TOLERANCE: f64 = 2.0e-3;
 
 /// A finished point of a sweep.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -71,6 +56,9 @@ pub struct SweepPoint {
     pub captures: usize,
     /// How often it was measured again because the finished sweep refused it.
     pub rechecked: usize,
+    /// What went into measuring it again.
+    #[serde(default)]
+    pub spent: super::gate::Spent,
     /// What its record says of its own quality.
     pub measures: Measures,
     /// What of that the quality gate refuses.
@@ -86,8 +74,10 @@ impl Executor<'_> {
         let Some(eis) = &self.experiment.eis else {
             return Err(ExecuteError::Signal { freq_hz, reason: "no section [eis]".to_owned() });
         };
-        self.headroom(fixture, (freq_hz, amplitude_a))?;
-        self.drive(freq_hz, amplitude_a).await?;
+        let mut driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
+            Some(since_s) => since_s,
+            None => self.driven(fixture, (freq_hz, amplitude_a)).await?,
+        };
         let scope = require(&mut self.bench.scope, "scope")?.capabilities();
         if self.verticals[0].is_none() {
             // Those of the controls, whatever the amplitude: a gain belongs to a range.
@@ -95,7 +85,15 @@ impl Executor<'_> {
         }
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
-            let waveforms = self.capture(eis, (freq_hz, wait_s), fixture).await?;
+            if attempt > 0 {
+                // The generator may have gone on already, and the ranges are new in any case.
+                self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
+                driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
+                    None if self.next.is_none() => self.clock.now_s(),
+                    _ => self.driven(fixture, (freq_hz, amplitude_a)).await?,
+                };
+            }
+            let waveforms = self.capture(eis, (freq_hz, wait_s, driven_s), fixture).await?;
             let length_s = waveforms[0].interval_s * waveforms[0].codes.len() as f64;
             let (attempt_in_all, time_s) = (taken + attempt, self.stopped_s - 0.5 * length_s);
             let file = CaptureFile {
@@ -114,7 +112,7 @@ impl Executor<'_> {
             if ranged.is_empty() || (attempt == MAX_RANGING && (!clipped || eis.quality.is_some())) {
                 warnings.extend(ranged);
                 let asked = Asked { fixture, index, freq_hz, mains_hz: eis.mains_hz };
-                let point = analyse(&asked, &waveforms, warnings)?;
+                let point = analyse(&asked, &Taken::of(&waveforms), warnings)?;
                 self.check_current(&point, amplitude_a)?;
                 return Ok(SweepPoint { time_s, captures: attempt_in_all + 1, ..point });
             }
@@ -124,8 +122,15 @@ impl Executor<'_> {
         Err(ExecuteError::Signal { freq_hz, reason: format!("a channel still clips after {MAX_RANGING} changes of range") })
     }
 
+    /// As [`Self::drive`], where the crests are allowed; gives the instant from which on it settles, bench s.
+    async fn driven(&mut self, fixture: Fixture, (freq_hz, amplitude_a): (f64, f64)) -> Result<f64, ExecuteError> {
+        self.headroom(fixture, (freq_hz, amplitude_a))?;
+        self.drive(freq_hz, amplitude_a).await?;
+        Ok(self.clock.now_s())
+    }
+
     /// Sets the generator so that the supply drives `amplitude_a`.
-    async fn drive(&mut self, freq_hz: f64, amplitude_a: f64) -> Result<(), ExecuteError> {
+    pub(super) async fn drive(&mut self, freq_hz: f64, amplitude_a: f64) -> Result<(), ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
@@ -162,27 +167,48 @@ impl Executor<'_> {
         Ok(())
     }
 
-    async fn capture(&mut self, eis: &Eis, (freq_hz, wait_s): (f64, f64), fixture: Fixture) -> Result<[Waveform; 4], ExecuteError> {
+    async fn capture(
+        &mut self,
+        eis: &Eis,
+        (freq_hz, wait_s, driven_s): (f64, f64, f64),
+        fixture: Fixture,
+    ) -> Result<[Waveform; 4], ExecuteError> {
         self.apply_verticals().await?;
         let (points, span) = (eis.record_points, Seconds(eis.periods_on_screen / freq_hz));
         let trigger = Trigger { channel: TRIGGER_CHANNEL, level: self.trigger_v };
+        let overlaps = self.overlaps();
         let error = self.bench.error("scope");
         let scope = require(&mut self.bench.scope, "scope")?;
         let (per_div, scope_divisions) = (scope.capabilities().time_per_div(span), scope.capabilities().horizontal_div);
-        for intent in [Intent::Timebase(per_div), Intent::Trigger(trigger), Intent::Arm] {
+        // What nobody has touched since the point before is not sent again where points overlap: it would come out of their settling.
+        let same = self.armed.replace((per_div, trigger)).filter(|_| overlaps);
+        let timebase = (same.map(|armed| armed.0) != Some(per_div)).then_some(Intent::Timebase(per_div));
+        let trigger = (same.map(|armed| armed.1) != Some(trigger)).then_some(Intent::Trigger(trigger));
+        for intent in timebase.into_iter().chain(trigger).chain([Intent::Arm]) {
             scope.set(&intent).await.map_err(&error)?;
         }
-        self.wait_watching(wait_s, fixture).await?;
+        let screen_s = per_div.value() * scope_divisions;
+        if overlaps {
+            self.announce()?;
+            self.watch_until(self.ripe_s((freq_hz, wait_s), driven_s, screen_s), fixture).await?;
+        } else {
+            self.wait_watching(wait_s, fixture).await?;
+        }
         let scope = require(&mut self.bench.scope, "scope")?;
         scope.stop().await.map_err(&error)?;
         self.stopped_s = self.clock.now_s();
-        let mut waveforms = Vec::with_capacity(4);
+        self.go_ahead(fixture).await?;
+        let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
         for channel in 1..=4 {
-            waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, points).await.map_err(&error)?);
+            let scope = require(&mut self.bench.scope, "scope")?;
+            let waveform = match waveforms.last().filter(|_| overlaps) {
+                Some(before) => scope.download_beside(channel, points, before).await,
+                None => scope.download(channel, points).await,
+            };
+            waveforms.push(waveform.map_err(&error)?);
             // The current still flows: a download must not stop the watching.
-            self.watch("sine", fixture).await?;
+            self.watch_between(fixture).await?;
         }
-        let screen_s = per_div.value() * scope_divisions;
         self.check_frame(freq_hz, &waveforms, screen_s)?;
         waveforms.try_into().map_err(|_| ExecuteError::Signal { freq_hz, reason: "not four channels".to_owned() })
     }
@@ -262,105 +288,9 @@ fn round_scale(scale: f64) -> f64 {
     (scale / decade).ceil() * decade
 }
 
-/// What a record was taken of.
-struct Asked {
-    fixture: Fixture,
-    index: usize,
-    freq_hz: f64,
-    mains_hz: Option<f64>,
-}
-
-fn analyse(asked: &Asked, waveforms: &[Waveform; 4], mut warnings: Vec<String>) -> Result<SweepPoint, ExecuteError> {
-    let Asked { fixture, index, freq_hz, mains_hz } = *asked;
-    let fail = |reason: String| ExecuteError::Signal { freq_hz, reason };
-    let channels: Vec<Channel<'_>> = waveforms.iter().map(|waveform| Channel::codes(&waveform.codes, code_scale(waveform))).collect();
-    let interval_s = waveforms[0].interval_s;
-    let record = Record { channels: &channels, interval_s };
-    let periods = interval_s * waveforms[0].codes.len() as f64 * freq_hz;
-    if periods < MIN_RECORD_PERIODS {
-        let reason =
-            format!("expected a record of at least {MIN_RECORD_PERIODS} periods, found {periods:.2}: does the scope's time run as ours?");
-        return Err(fail(reason));
-    }
-    let mut options = FitOptions { harmonics: HARMONICS.to_vec(), ..FitOptions::default() };
-    if let Some(mains_hz) = mains_hz {
-        options = options.with_mains(mains_hz, MAINS_ORDERS);
-    }
-    let fit = sine::fit_known_frequency(&record, freq_hz, &options).map_err(|error| fail(error.to_string()))?;
-    let free = sine::fit_free_frequency(&record, Some(freq_hz), &options).map_err(|error| fail(error.to_string()))?;
-    if (free.freq_hz / freq_hz - 1.0).abs() > FREQ_TOLERANCE {
-        // A scope that was not triggered may still hold the frame of an earlier point.
-        let reason = format!("a fit with free frequency finds {:.6} Hz in the record: is it an older one?", free.freq_hz);
-        return Err(fail(reason));
-    }
-    warnings.extend(remarks(&fit));
-    let residual_lag1 = fit.channels.iter().map(|channel| channel.residual_lag1).fold(0.0, f64::max);
-    let lsb_v = [0, 1, 2, 3].map(|slot: usize| f64::from(waveforms[slot].preamble.code_step) * waveforms[slot].preamble.volts_per_code);
-    let phasors = ChannelPhasors::from_codes(&fit, lsb_v).map_err(|error| fail(error.to_string()))?;
-    let volts_per_div = [0, 1, 2, 3].map(|slot: usize| waveforms[slot].preamble.volts_per_div);
-    let beside = beside(&record, freq_hz);
-    let clipped = waveforms.iter().map(Waveform::clipped_share).fold(0.0, f64::max);
-    let measures = measure(&record, (&phasors, &beside), clipped);
-    Ok(SweepPoint {
-        fixture,
-        index,
-        phasors,
-        volts_per_div,
-        free_freq_hz: free.freq_hz,
-        residual_lag1,
-        beside,
-        warnings,
-        time_s: 0.0,
-        captures: 1,
-        rechecked: 0,
-        measures,
-        failing: Vec::new(),
-    })
-}
-
-/// What is odd about a fit, in words. Harmonics and mains beyond half the sampling rate are no news, nor is a mains of less than a period in the
-/// record of a fast sinusoid: there it is drift.
-fn remarks(fit: &SineFit) -> Vec<String> {
-    let known = |note: &&Note| !matches!(note, Note::LeftOut { why: LeftOut::AboveNyquist { .. } | LeftOut::TooSlow { .. }, .. });
-    let mut remarks: Vec<String> = fit.notes.iter().filter(known).map(Note::to_string).collect();
-    for channel in 0..fit.channels.len() {
-        if let Some(Distortion { thd, sigma }) = fit.distortion(channel)
-            && thd > MUCH_DISTORTION.max(CERTAIN * sigma)
-        {
-            remarks.push(format!("channel {}: {:.1} % of distortion by harmonics {HARMONICS:?}", channel + 1, 100.0 * thd));
-        }
-    }
-    remarks
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Codes of a sinusoid of 40 periods with a second harmonic, rounded, on a range of 12 bits.
-    fn codes(amplitude: f64, second: f64, dither: f64) -> Vec<i16> {
-        let value = |n: u32| {
-            let theta = std::f64::consts::TAU * 0.0101 * f64::from(n);
-            // A stride without a period takes the place of noise.
-            amplitude * (theta.cos() + second * (2.0 * theta).cos()) + dither * ((f64::from(n) * 0.618_034).fract() - 0.5)
-        };
-        (0..4000).map(|n| value(n).round() as i16).collect()
-    }
-
-    #[test]
-    fn distortion_and_quantisation_are_remarked_and_a_good_record_is_not() {
-        let scale = sine::CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047, code_step: 1 };
-        let said = |codes: &[i16]| {
-            let channels = [Channel::codes(codes, scale)];
-            let options = FitOptions { harmonics: HARMONICS.to_vec(), ..FitOptions::default() };
-            let fit = sine::fit_known_frequency(&Record { channels: &channels, interval_s: 1e-3 }, 10.1, &options);
-            remarks(&fit.unwrap_or_else(|error| panic!("{error}")))
-        };
-        assert_eq!(said(&codes(1000.0, 0.0, 3.0)), [""; 0]);
-        assert_eq!(said(&codes(1000.0, 0.03, 3.0)), ["channel 1: 3.0 % of distortion by harmonics [2, 3]"]);
-        let coarse = said(&codes(1.6, 0.0, 0.0));
-        assert!(coarse[0].starts_with("channel 1: ") && coarse[0].contains("LSB of noise are too few"), "{coarse:?}");
-    }
 
     #[test]
     fn a_signal_wholly_outside_its_range_is_given_a_wider_one() {

@@ -17,7 +17,7 @@ use instruments::{
 use super::{ExecuteError, Executor, POLL_S, require};
 use crate::{
     interlock::{self, Reading},
-    plan::{Frame, Level, TracePlan},
+    plan::{Frame, Level, Through, TracePlan},
     record::capture_of,
 };
 
@@ -39,8 +39,10 @@ const STEP_WINDOW_S: (f64, f64) = (0.05, 0.25);
 const OUT_OF_REACH_DIV: f64 = 4.0;
 /// Share of a frame that may clip: the loop's inductance answers a step with a spike, which no row takes in.
 const SPIKES: f64 = 1.0e-4;
+/// The same of a wave, whose steps are many.
+const WAVE_SPIKES: f64 = 0.02;
 /// The slowest supply settles within this time, s: eight time constants at 5 kHz.
-const SETTLE_S: f64 = 2.5e-4;
+pub(super) const SETTLE_S: f64 = 2.5e-4;
 /// How far the current may be from its command, as a share and A.
 const FOLLOWS: (f64, f64) = (0.1, 0.3);
 /// Least current that the vertical scales are set for, A.
@@ -50,11 +52,13 @@ const LEAST_SCALE_A: f64 = 0.5;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Zero {
     /// Channels 1…4, V.
-    volts: [f64; 4],
+    pub(super) volts: [f64; 4],
     /// Voltage at rest by the voltmeter, V.
-    ocv_v: f64,
+    pub(super) ocv_v: f64,
+    /// Scatter of a reading of voltage and current, V and A.
+    pub(super) scatter: (f64, f64),
     /// Temperature of the cell, °C.
-    temperature_c: Option<f64>,
+    pub(super) temperature_c: Option<f64>,
 }
 
 /// What is done when.
@@ -67,12 +71,12 @@ enum Action {
 
 /// A trace as far as it was recorded.
 #[derive(Default)]
-struct Recorded {
-    rows: Vec<TraceRow>,
-    steps_s: Vec<f64>,
-    /// Squares of the scatters of shunt and jig, V², summed.
-    squares: [f64; 2],
-    frames: usize,
+pub(super) struct Recorded {
+    pub(super) rows: Vec<TraceRow>,
+    pub(super) steps_s: Vec<f64>,
+    /// Squares of the scatters of current and voltage, A² and V², summed.
+    pub(super) squares: [f64; 2],
+    pub(super) frames: usize,
 }
 
 impl Executor<'_> {
@@ -81,19 +85,32 @@ impl Executor<'_> {
         let end_s = self.clock.now_s() + span_s;
         while self.clock.now_s() < end_s {
             self.clock.sleep_s(REST_POLL_S.min(end_s - self.clock.now_s())).await;
-            self.watch("rest", Fixture::Cell).await?;
+            self.glance("rest").await?;
         }
         Ok(())
+    }
+
+    /// One reading of the cell, by the bipolar supply where there is one.
+    pub(super) async fn glance(&mut self, phase: &str) -> Result<Reading, ExecuteError> {
+        if self.bench.supply4q.is_some() {
+            return self.watch(phase, Fixture::Cell).await;
+        }
+        let (volts, drawn_a) = self.load_volts().await?;
+        let temperature_c = self.temperature_now_and_then().await?;
+        let reading = Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), current_a: Some(-drawn_a), temperature_c };
+        self.judge(phase, reading)?;
+        Ok(reading)
     }
 
     /// Rests, then looks at the cell while nothing flows.
     pub(super) async fn zero(&mut self, trace: &TracePlan) -> Result<(), ExecuteError> {
         self.pause(trace.rest_s).await?;
-        let mut ocv_v = 0.0;
+        let mut resting = Vec::with_capacity(REST_READINGS);
         for _ in 0..REST_READINGS {
-            let reading = self.watch("rest", Fixture::Cell).await?;
-            ocv_v += reading.voltage_v.unwrap_or(f64::NAN) / REST_READINGS as f64;
+            let reading = self.glance("rest").await?;
+            resting.push((reading.voltage_v.unwrap_or(f64::NAN), reading.current_a.unwrap_or(f64::NAN)));
         }
+        let ocv_v = resting.iter().map(|reading| reading.0).sum::<f64>() / REST_READINGS as f64;
         let temperature_c = self.cell_temperature().await?;
         self.judge("rest", Reading { time_s: self.clock.now_s(), voltage_v: Some(ocv_v), temperature_c, ..Reading::default() })?;
         let (low, high) = trace.start_v;
@@ -104,6 +121,11 @@ impl Executor<'_> {
                 met: format!("{ocv_v:.4} V"),
             });
         }
+        let scatter = (scatter(resting.iter().map(|reading| reading.0)), scatter(resting.iter().map(|reading| reading.1)));
+        if !trace.bipolar() {
+            self.zero = Some(Zero { volts: [0.0; 4], ocv_v, scatter, temperature_c });
+            return Ok(());
+        }
         self.trace_ranges(trace, ocv_v);
         self.arm(&ZERO_FRAME).await?;
         self.clock.sleep_s(ZERO_FRAME.span_s + FILL_S).await;
@@ -112,13 +134,24 @@ impl Executor<'_> {
         let [mean] = thinned.means.as_slice() else {
             return Err(disobeyed(&trace.name, "a frame of the zeros", "an empty one"));
         };
-        self.zero = Some(Zero { volts: mean.volts, ocv_v, temperature_c });
+        self.zero = Some(Zero { volts: mean.volts, ocv_v, scatter, temperature_c });
         Ok(())
     }
 
     /// Drives and records a trace.
     pub(super) async fn trace(&mut self, trace: &TracePlan) -> Result<(), ExecuteError> {
         let Some(zero) = self.zero.take() else { return Err(disobeyed(&trace.name, "the zeros of the channels", "none")) };
+        if let Some(averaged) = trace.averaged {
+            self.recorder.warning(&format!("trace {}: {averaged}", trace.name));
+        }
+        match trace.through {
+            Through::Bipolar => self.step_by_step(trace, zero).await,
+            Through::Wave { step_s, steps } => self.wave_trace((trace, zero), (step_s, steps)).await,
+            Through::LoadAndSupply => self.load_and_supply(trace, zero).await,
+        }
+    }
+
+    async fn step_by_step(&mut self, trace: &TracePlan, zero: Zero) -> Result<(), ExecuteError> {
         let mut actions: Vec<(f64, Action)> = trace.levels.iter().map(|level| (level.at_s, Action::Level(*level))).collect();
         for frame in &trace.frames {
             actions.push((frame.start_s, Action::Arm(*frame)));
@@ -188,7 +221,7 @@ impl Executor<'_> {
         }
     }
 
-    async fn arm(&mut self, frame: &Frame) -> Result<(), ExecuteError> {
+    pub(super) async fn arm(&mut self, frame: &Frame) -> Result<(), ExecuteError> {
         self.apply_verticals().await?;
         let error = self.bench.error("scope");
         let memory_points = frame.memory_points;
@@ -207,10 +240,25 @@ impl Executor<'_> {
 
     /// Stops the scope and downloads what its screen holds; also says since when, bench s. It is on disk when this returns.
     async fn fetch(&mut self, frame: &Frame, (trace, name): (&TracePlan, &str)) -> Result<(Capture, f64), ExecuteError> {
+        let end_s = self.freeze().await?;
+        self.download((frame, end_s), (trace, name)).await
+    }
+
+    /// Stops the scope; says when, bench s.
+    pub(super) async fn freeze(&mut self) -> Result<f64, ExecuteError> {
         let error = self.bench.error("scope");
-        let scope = require(&mut self.bench.scope, "scope")?;
         let end_s = self.clock.now_s();
-        scope.stop().await.map_err(&error)?;
+        require(&mut self.bench.scope, "scope")?.stop().await.map_err(&error)?;
+        Ok(end_s)
+    }
+
+    /// Downloads what the screen of the scope held when it was stopped, bench s.
+    pub(super) async fn download(
+        &mut self,
+        (frame, end_s): (&Frame, f64),
+        (trace, name): (&TracePlan, &str),
+    ) -> Result<(Capture, f64), ExecuteError> {
+        let error = self.bench.error("scope");
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
             waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, frame.record_points).await.map_err(&error)?);
@@ -224,7 +272,8 @@ impl Executor<'_> {
         let label = format!("trace {} repeat {} {name}", trace.name, trace.repeat);
         let capture = capture_of(label, 0.0, start_s, &waveforms);
         self.recorder.write_capture(&format!("trace_{}_{}", trace.name, trace.repeat), name, &capture)?;
-        if let Some(waveform) = waveforms.iter().find(|waveform| waveform.clipped_share() > SPIKES) {
+        let spikes = if matches!(trace.through, Through::Wave { .. }) { WAVE_SPIKES } else { SPIKES };
+        if let Some(waveform) = waveforms.iter().find(|waveform| waveform.clipped_share() > spikes) {
             let (channel, scale) = (waveform.channel, waveform.preamble.volts_per_div);
             let reason = format!("channel {channel} clips at {scale:.4} V/div: expected a coarser wiring.scale_per_ampere");
             return Err(fail(reason));
@@ -267,8 +316,9 @@ impl Executor<'_> {
             recorded.rows.push(self.row(trace, zero, (mean, level_a, start_s - origin_s))?);
         }
         let Thinned { sigma_shunt_v, sigma_jig_v, steps_s, .. } = thinned;
+        let sigma_a = sigma_shunt_v / self.experiment.bench.wiring.shunt.r_ohm;
         recorded.steps_s.extend(steps_s.iter().map(|step_s| step_s + start_s - origin_s));
-        recorded.squares = [recorded.squares[0] + sigma_shunt_v.powi(2), recorded.squares[1] + sigma_jig_v.powi(2)];
+        recorded.squares = [recorded.squares[0] + sigma_a.powi(2), recorded.squares[1] + sigma_jig_v.powi(2)];
         recorded.frames += 1;
         Ok(())
     }
@@ -282,20 +332,22 @@ impl Executor<'_> {
         if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
             return Err(trip.into());
         }
-        let (share, amps) = FOLLOWS;
-        if (current_a - level_a).abs() > share * level_a.abs() + amps {
-            return Err(disobeyed(&trace.name, &format!("{level_a} A"), &format!("{current_a:.4} A at {time_s:.3} s")));
-        }
+        obeys(&trace.name, level_a, (current_a, time_s))?;
         Ok(TraceRow { time_s, current_a, voltage_v, temperature_c: self.last_c.unwrap_or(f64::NAN), samples: mean.samples as f64 })
     }
 
-    fn finish_trace(&mut self, trace: &TracePlan, zero: &Zero, (origin_s, recorded): (f64, Recorded)) -> Result<(), ExecuteError> {
-        let charge_c: f64 =
-            recorded.rows.windows(2).map(|pair| 0.5 * (pair[0].current_a + pair[1].current_a) * (pair[1].time_s - pair[0].time_s)).sum();
-        let scatter_v = recorded.squares.map(|square| (square / recorded.frames.max(1) as f64).sqrt());
+    pub(super) fn finish_trace(
+        &mut self,
+        trace: &TracePlan,
+        zero: &Zero,
+        (origin_s, recorded): (f64, Recorded),
+    ) -> Result<(), ExecuteError> {
+        let charge_c = charge_of(&recorded.rows);
+        let scatter = recorded.squares.map(|square| (square / recorded.frames.max(1) as f64).sqrt());
         let entry = TraceEntry {
             file: format!("series_{}_{}.bdf.csv", trace.name, trace.repeat),
             name: trace.name.clone(),
+            cell: self.specimen.as_ref().map(|specimen| specimen.name.clone()),
             repeat: trace.repeat,
             order: self.recorder.measured(),
             start_time_s: origin_s,
@@ -303,12 +355,15 @@ impl Executor<'_> {
             charge_before_c: self.charge_c,
             temperature_c: zero.temperature_c,
             role: trace.role,
-            repeat_group: trace.repeat_group.clone(),
+            repeat_group: self
+                .specimen
+                .as_ref()
+                .map_or_else(|| trace.repeat_group.clone(), |specimen| format!("{}_{}", trace.repeat_group, specimen.name)),
             current_positive: CurrentPositive::Charge,
             current_between_samples: CurrentBetween::Linear,
             steps_s: recorded.steps_s,
-            sample_sigma_a: scatter_v[0] / self.experiment.bench.wiring.shunt.r_ohm,
-            sample_sigma_v: scatter_v[1],
+            sample_sigma_a: scatter[0],
+            sample_sigma_v: scatter[1],
         };
         self.charge_c += charge_c;
         self.recorder.trace(entry, &recorded.rows)?;
@@ -316,6 +371,27 @@ impl Executor<'_> {
     }
 }
 
-fn disobeyed(trace: &str, expected: &str, met: &str) -> ExecuteError {
+/// Charge that a trace has moved into the cell, C.
+pub fn charge_of(rows: &[TraceRow]) -> f64 {
+    rows.windows(2).map(|pair| 0.5 * (pair[0].current_a + pair[1].current_a) * (pair[1].time_s - pair[0].time_s)).sum()
+}
+
+/// Standard deviation of readings.
+fn scatter(readings: impl Iterator<Item = f64> + Clone) -> f64 {
+    let count = readings.clone().count() as f64;
+    let mean = readings.clone().sum::<f64>() / count;
+    (readings.map(|reading| (reading - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt()
+}
+
+/// The current must be what was commanded.
+pub(super) fn obeys(trace: &str, level_a: f64, (current_a, time_s): (f64, f64)) -> Result<(), ExecuteError> {
+    let (share, amps) = FOLLOWS;
+    if (current_a - level_a).abs() <= share * level_a.abs() + amps {
+        return Ok(());
+    }
+    Err(disobeyed(trace, &format!("{level_a} A"), &format!("{current_a:.4} A at {time_s:.3} s")))
+}
+
+pub(super) fn disobeyed(trace: &str, expected: &str, met: &str) -> ExecuteError {
     ExecuteError::Disobeyed { what: format!("trace {trace}"), expected: expected.to_owned(), met: met.to_owned() }
 }

@@ -1,17 +1,22 @@
 //! Reading and judging: what each step may expose the cell to, and the polls of voltage, current, temperature and chiller.
 
-use instruments::mock::plant::Fixture;
+use instruments::{link::LinkError, mock::plant::Fixture};
 
-use super::{ExecuteError, Executor, POLL_S, require};
+use super::{ExecuteError, Executor, POLL_S, metered::BELOW_GREATEST_V, require};
 use crate::{
-    interlock::{Allowance, NO_CURRENT_A, Reading},
+    interlock::{Allowance, NO_CURRENT_A, Reading, Trip},
     plan::{Flow, Step},
+    thermostat::Action,
 };
 
 /// The gain error of a meter, as part of a step's envelope.
 const METER_GAIN: f64 = 1.1;
 /// A temperature is read with every so many readings.
 const TEMPERATURE_EVERY: u32 = 10;
+/// Readings in a period from which on each of them must differ from the one before.
+const FOLLOWED: f64 = 5.0;
+/// The swing of the cell's voltage under a smaller amplitude may be lost between two digits of a voltmeter, A.
+const SEEN_A: f64 = 0.5;
 /// So far below the limit of a supply its current falls, and the voltage stands still, V.
 const HELD_V: f64 = 0.1;
 
@@ -48,18 +53,23 @@ impl Executor<'_> {
             // Between power-up and power-down the limit of the power-up holds, and the charge counts on. Half a period moves A/(πf).
             Step::Sine { freq_hz, amplitude_a, .. } => {
                 let swing_c = amplitude_a / (std::f64::consts::PI * freq_hz);
-                Allowance { continues: true, ..live(in_work, sweep_c(swing_c)) }
+                Allowance { continues: true, swing_s: swing_s(freq_hz, amplitude_a), ..live(in_work, sweep_c(swing_c)) }
             }
             Step::Multisine(ref band) => {
                 let swing_c = band.peak_a / (std::f64::consts::PI * band.base_hz);
-                Allowance { continues: true, ..live(in_work, sweep_c(swing_c)) }
+                let slowest_hz = band.base_hz * band.design.harmonics.first().map_or(1.0, |line| *line as f64);
+                let swing_s = swing_s(slowest_hz, band.design.amplitude * band.peak_a);
+                Allowance { continues: true, swing_s, ..live(in_work, sweep_c(swing_c)) }
             }
             Step::PowerDown | Step::Recheck { .. } => Allowance { continues: true, ..live(in_work, idle.charge_c) },
             Step::Trace(ref trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
                 let (least_c, greatest_c) = trace.swing_c();
-                let limits = in_work.bounded(drawn(greatest_a), drawn(-least_a));
-                live(limits, (METER_GAIN * least_c - drift_c, METER_GAIN * greatest_c + drift_c))
+                let within = if trace.bipolar() { in_work } else { cell };
+                let limits = within.bounded(drawn(greatest_a), drawn(-least_a));
+                let traced = live(limits, (METER_GAIN * least_c - drift_c, METER_GAIN * greatest_c + drift_c));
+                let held_v = if trace.bipolar() { traced.held_v } else { cell.max_v - BELOW_GREATEST_V - HELD_V };
+                Allowance { held_v, ..traced }
             }
             Step::HoldTemperature { .. } => Allowance { tempering: true, ..idle },
             Step::Specimen(..) | Step::Mount(_) | Step::Accept { .. } | Step::Pause { .. } | Step::Zero(_) | Step::Rest { .. } => idle,
@@ -101,14 +111,44 @@ impl Executor<'_> {
         // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at the jig.
         let error = self.bench.error("load");
         if let Some(load) = self.bench.load.as_mut() {
-            volts = load.measure().await.map_err(error)?.0;
+            let (seen, drawn) = load.measure().await.map_err(error)?;
+            volts = seen;
+            // As a voltmeter it draws nothing.
+            self.no_current("current of the load", drawn.value())?;
         }
         let temperature_c = self.temperature_now_and_then().await?;
         Ok(Reading { time_s: self.clock.now_s(), voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
     }
 
+    /// Trips where a current flows through an instrument that is off.
+    fn no_current(&self, what: &'static str, value: f64) -> Result<(), ExecuteError> {
+        if value.abs() <= NO_CURRENT_A {
+            return Ok(());
+        }
+        Err(Trip::Limit { what, value, unit: "A", least: -NO_CURRENT_A, greatest: NO_CURRENT_A, time_s: self.clock.now_s() }.into())
+    }
+
+    /// Everything that could drive a current through the cell while none may flow, judged one by one: two that cancel are two too many.
+    pub(super) async fn watch_idle(&mut self, phase: &str, fixture: Fixture) -> Result<(), ExecuteError> {
+        if self.bench.supply4q.is_some() {
+            self.watch(phase, fixture).await?;
+        } else if self.bench.load.is_some() {
+            let (volts, drawn_a) = self.load_volts().await?;
+            self.no_current("current of the load", drawn_a)?;
+            let temperature_c = self.temperature_now_and_then().await?;
+            self.judge(phase, Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), temperature_c, ..Reading::default() })?;
+        }
+        let error = self.bench.error("supply");
+        if let Some(supply) = self.bench.supply.as_mut() {
+            let (_, fed) = supply.measure().await.map_err(error)?;
+            self.no_current("current of the charger", fed.value())?;
+        }
+        Ok(())
+    }
+
     /// The cell's temperature with every tenth reading, or earlier when it grows old.
     pub(super) async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
+        self.regulate().await?;
         self.polls = self.polls.wrapping_add(1);
         let due = self.polls.is_multiple_of(TEMPERATURE_EVERY) || self.interlock.wants_temperature(self.clock.machine_s());
         if due { self.cell_temperature().await } else { Ok(None) }
@@ -117,6 +157,7 @@ impl Executor<'_> {
     /// The cell's temperature; nothing on a bench without a logger. An open thermocouple is a reading that is no number, and trips. A chiller that was
     /// started is asked at the same time whether it still runs.
     pub(super) async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
+        self.regulate().await?;
         self.watch_chiller().await?;
         let error = self.bench.error("logger");
         let Some(logger) = self.bench.logger.as_mut() else { return Ok(None) };
@@ -139,6 +180,26 @@ impl Executor<'_> {
         }
     }
 
+    /// Holds a bath that has no loop of its own: reads it once in a window and gives a pulse. A reading that cannot be believed is none; a board that does
+    /// not answer, or whose relays do not follow, is an error.
+    async fn regulate(&mut self) -> Result<(), ExecuteError> {
+        let (error, now_s) = (self.bench.error("chiller"), self.clock.now_s());
+        let Some(thermostat) = self.thermostat.as_mut().filter(|thermostat| thermostat.is_due(now_s)) else { return Ok(()) };
+        let chiller = require(&mut self.bench.chiller, "chiller")?;
+        let reading_c = match chiller.temperature().await {
+            Ok(celsius) => Some(celsius.value()),
+            Err(LinkError::Unexpected { .. }) => None,
+            Err(failed) => return Err(error(failed).into()),
+        };
+        match thermostat.step(reading_c, self.clock.now_s()) {
+            Action::Pulse(seconds) => Ok(chiller.pulse(seconds).await.map_err(error)?),
+            Action::Fault(fault) => {
+                chiller.pulse(0.0).await.map_err(error)?;
+                Err(Trip::Chiller { said: fault.to_string(), time_s: now_s }.into())
+            }
+        }
+    }
+
     /// Writes a reading down and judges it.
     pub(super) fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
         self.recorder.reading(phase, &reading)?;
@@ -147,4 +208,9 @@ impl Executor<'_> {
             None => Ok(()),
         }
     }
+}
+
+/// The period of a sinusoid whose readings must move, s; none for one that is too fast or too small.
+fn swing_s(freq_hz: f64, amplitude_a: f64) -> Option<f64> {
+    (freq_hz * FOLLOWED * POLL_S <= 1.0 && amplitude_a >= SEEN_A).then_some(1.0 / freq_hz)
 }

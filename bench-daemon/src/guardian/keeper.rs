@@ -89,8 +89,7 @@ impl Keeper {
     ///
     /// # Errors
     /// Whatever keeps it from watching.
-    pub async fn start(charge: &Charge<'_>, state: &State, (clock, doing): (&Clock, &Doing)) -> Result<Self, GuardianError> {
-        wait_for_earlier(state, clock).await?;
+    pub async fn start(charge: &Charge<'_>, (clock, doing): (&Clock, &Doing)) -> Result<Self, GuardianError> {
         let mut child = spawn(charge).map_err(GuardianError::Start)?;
         let pid = child.id();
         let (Some(stdin), Some(stdout)) = (child.stdin.take(), child.stdout.take()) else {
@@ -145,7 +144,11 @@ impl Keeper {
     }
 }
 
-async fn wait_for_earlier(state: &State, clock: &Clock) -> Result<(), GuardianError> {
+/// Waits until the guardian of an earlier run is done, or nobody is at work any more.
+///
+/// # Errors
+/// [`GuardianError::Busy`] where it does not come to an end.
+pub async fn wait_for_earlier(state: &State, clock: &Clock) -> Result<(), GuardianError> {
     let start_s = clock.machine_s();
     let mut told = false;
     while state.lock_guardian()?.is_none() {

@@ -24,6 +24,8 @@ pub struct Settings {
     pub temperature_age_s: f64,
     /// A value that stays the same to the last digit while so much charge passes is frozen, C.
     pub frozen_c: f64,
+    /// The same for a voltage and a current that a slow sinusoid moves, s; at least two of its periods.
+    pub frozen_s: f64,
 }
 
 /// What the step in work may do.
@@ -39,6 +41,8 @@ pub struct Allowance {
     pub charge_c: (f64, f64),
     /// A supply holds the voltage from here on, V: that it stands still is no fault.
     pub held_v: f64,
+    /// The period of a sinusoid that is slow enough to be followed reading by reading, s: current and, of a cell, voltage must move with it.
+    pub swing_s: Option<f64>,
     /// The cell is in the jig: its voltage moves with the charge.
     pub cell: bool,
     /// The chiller is to change the temperature: its rate is not judged.
@@ -49,24 +53,26 @@ impl Allowance {
     /// Nothing may flow.
     pub fn idle(limits: Limits) -> Self {
         let charge_c = (f64::NEG_INFINITY, f64::INFINITY);
-        Self { limits, live: false, continues: false, charge_c, held_v: f64::INFINITY, cell: true, tempering: false }
+        Self { limits, live: false, continues: false, charge_c, held_v: f64::INFINITY, swing_s: None, cell: true, tempering: false }
     }
 }
 
-/// A value, and the charge at which it was seen to change last.
+/// A value, and the charge, C, and the bench time, s, at which it was seen to change last.
 #[derive(Debug, Clone, Copy, Default)]
 struct Last {
     value: Option<f64>,
     charge_c: f64,
+    /// None: from the next reading on.
+    time_s: Option<f64>,
 }
 
 impl Last {
-    /// Charge that has passed since the value changed, C.
-    fn since_c(&mut self, value: f64, charge_c: f64) -> f64 {
+    /// Charge, C, and time, s, that have passed since the value changed.
+    fn since(&mut self, value: f64, (charge_c, time_s): (f64, f64)) -> (f64, f64) {
         if self.value != Some(value) {
-            *self = Self { value: Some(value), charge_c };
+            *self = Self { value: Some(value), charge_c, time_s: None };
         }
-        (charge_c - self.charge_c).abs()
+        ((charge_c - self.charge_c).abs(), time_s - *self.time_s.get_or_insert(time_s))
     }
 }
 
@@ -86,9 +92,12 @@ pub struct Interlock {
     read_s: Option<f64>,
     temperature_s: f64,
     voltage: Last,
+    amps: Last,
     temperature: Last,
 }
 
+/// Periods of a slow sinusoid in which a reading must move.
+const SWINGS: f64 = 2.0;
 /// Fewest temperatures, and least share of the window, that make a rate.
 const RATE: (usize, f64) = (3, 0.5);
 
@@ -105,6 +114,7 @@ impl Interlock {
             read_s: None,
             temperature_s: f64::NEG_INFINITY,
             voltage: Last::default(),
+            amps: Last::default(),
             temperature: Last::default(),
         }
     }
@@ -113,10 +123,14 @@ impl Interlock {
     pub fn begin(&mut self, allowance: Allowance, machine_s: f64) {
         if !allowance.continues {
             (self.charge_c, self.current) = (0.0, None);
-            (self.voltage, self.temperature) = (Last::default(), Last::default());
+            (self.voltage, self.amps, self.temperature) = (Last::default(), Last::default(), Last::default());
             // What was not read while nothing flowed is not late.
             self.read_s = Some(machine_s);
             self.temperature_s = self.temperature_s.max(machine_s);
+        }
+        if allowance.swing_s != self.allowance.swing_s {
+            // What stood still under another current stood still rightly.
+            (self.voltage.time_s, self.amps.time_s) = (None, None);
         }
         if allowance.tempering != self.allowance.tempering {
             self.temperatures.clear();
@@ -127,7 +141,7 @@ impl Interlock {
     /// Something else is in the jig: what was seen before says nothing of it.
     pub fn forget(&mut self) {
         self.temperatures.clear();
-        (self.voltage, self.temperature) = (Last::default(), Last::default());
+        (self.voltage, self.amps, self.temperature) = (Last::default(), Last::default(), Last::default());
     }
 
     /// Limits of each reading of the step in work.
@@ -158,6 +172,8 @@ impl Interlock {
 
     fn late(&mut self, reading: &Reading, machine_s: f64) -> Option<Trip> {
         let since_s = self.read_s.replace(machine_s).map_or(0.0, |read_s| machine_s - read_s);
+        // Nobody saw what came before the reading that ends a gap.
+        let age_s = if self.logger { machine_s - self.temperature_s } else { 0.0 };
         if reading.temperature_c.is_some() {
             self.temperature_s = machine_s;
         }
@@ -171,10 +187,8 @@ impl Interlock {
                 time_s: reading.time_s,
             })
         };
-        limit("time without a reading", since_s, self.settings.reading_age_s).or_else(|| {
-            let age_s = if self.logger { machine_s - self.temperature_s } else { 0.0 };
-            limit("time without a cell temperature", age_s, self.settings.temperature_age_s)
-        })
+        limit("time without a reading", since_s, self.settings.reading_age_s)
+            .or_else(|| limit("time without a cell temperature", age_s, self.settings.temperature_age_s))
     }
 
     /// The trapezoidal rule.
@@ -215,15 +229,25 @@ impl Interlock {
     }
 
     fn frozen(&mut self, reading: &Reading) -> Option<Trip> {
-        let (charge_c, greatest) = (self.charge_c, self.settings.frozen_c);
-        let volts = reading.voltage_v.filter(|volts| *volts < self.allowance.held_v);
-        let stale_c = [
-            ("charge while the cell voltage stood still", volts.map(|volts| self.voltage.since_c(volts, charge_c))),
-            ("charge while the cell temperature stood still", reading.temperature_c.map(|c| self.temperature.since_c(c, charge_c))),
+        let (now, settings) = ((self.charge_c, reading.time_s), self.settings);
+        let volts = reading.voltage_v.map(|volts| self.voltage.since(volts, now));
+        let amps = reading.current_a.map(|amps| self.amps.since(amps, now));
+        let celsius = reading.temperature_c.map(|celsius| self.temperature.since(celsius, now));
+        if !self.allowance.live {
+            return None;
+        }
+        let held = reading.voltage_v.is_some_and(|volts| volts >= self.allowance.held_v);
+        let cell = |since: Option<(f64, f64)>| since.filter(|_| self.allowance.cell);
+        let charge = |since: Option<(f64, f64)>| Some((cell(since)?.0, settings.frozen_c, "C"));
+        let time = |since: Option<(f64, f64)>| Some((since?.1, settings.frozen_s.max(SWINGS * self.allowance.swing_s?), "s"));
+        let stood = [
+            ("charge while the cell voltage stood still", charge(volts.filter(|_| !held))),
+            ("charge while the cell temperature stood still", charge(celsius)),
+            ("time in which the cell voltage stood still under a sinusoid", time(cell(volts))),
+            ("time in which the cell current stood still under a sinusoid", time(amps)),
         ];
-        let frozen = stale_c.into_iter().find_map(|(what, since_c)| Some((what, since_c.filter(|c| *c > greatest)?)));
-        let (what, value) = frozen.filter(|_| self.allowance.live && self.allowance.cell)?;
-        Some(Trip::Limit { what, value, unit: "C", least: 0.0, greatest, time_s: reading.time_s })
+        let frozen = stood.into_iter().find_map(|(what, found)| Some((what, found.filter(|(value, greatest, _)| value > greatest)?)));
+        frozen.map(|(what, (value, greatest, unit))| Trip::Limit { what, value, unit, least: 0.0, greatest, time_s: reading.time_s })
     }
 }
 
@@ -237,120 +261,4 @@ fn slope(points: &VecDeque<(f64, f64)>) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const LIMITS: Limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
-    const SETTINGS: Settings = Settings {
-        rate_k_per_s: 5.0 / 60.0,
-        window_s: 60.0,
-        charge_c: 1000.0,
-        drift_c: 100.0,
-        reading_age_s: 15.0,
-        temperature_age_s: 60.0,
-        frozen_c: 50.0,
-    };
-
-    fn live(charge_c: (f64, f64)) -> Interlock {
-        let mut interlock = Interlock::new(SETTINGS, LIMITS, true);
-        interlock.begin(Allowance { live: true, charge_c, ..Allowance::idle(LIMITS) }, 0.0);
-        interlock
-    }
-
-    /// Plays readings until one trips; says which and at what bench time.
-    fn play(interlock: &mut Interlock, readings: impl Iterator<Item = Reading>) -> Option<(String, f64)> {
-        readings.into_iter().find_map(|reading| {
-            let trip = interlock.judge(&reading, reading.time_s)?;
-            Some((trip.to_string(), reading.time_s))
-        })
-    }
-
-    /// A reading a second: volts, amperes and degrees over time, s.
-    fn course(seconds: u32, of: impl Fn(f64) -> (f64, f64, Option<f64>)) -> impl Iterator<Item = Reading> {
-        (1..=seconds).map(f64::from).map(move |time_s| {
-            let (volts, amps, temperature_c) = of(time_s);
-            Reading { time_s, voltage_v: Some(volts), current_a: Some(amps), temperature_c }
-        })
-    }
-
-    const FREE: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
-
-    /// Voltage, current and temperature over time.
-    type Course = Box<dyn Fn(f64) -> (f64, f64, Option<f64>)>;
-
-    #[test]
-    fn a_sound_discharge_trips_nothing_and_each_fault_trips_its_own() {
-        let sound = |t: f64| (4.0 - 1.0e-4 * t, -5.0, Some(25.0 + 0.02 * t));
-        assert_eq!(play(&mut live((-1000.0, 10.0)), course(180, sound)), None);
-        let cases: [(&str, Course, f64); 7] = [
-            ("net charge of the step -1002", Box::new(|t| (4.0 - 1.0e-4 * t, -6.0, Some(25.0 + 0.01 * t))), 168.0),
-            ("net charge of the step 1", Box::new(|t| (4.0 + 1.0e-4 * t, 1.0, Some(25.0 + 0.01 * t))), 12.0),
-            ("charge while the cell voltage stood still 55", Box::new(|t| (4.0, -5.0, Some(25.0 + 0.01 * t))), 12.0),
-            ("charge while the cell temperature stood still 55", Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, Some(25.0))), 12.0),
-            ("rate of the cell temperature 6.0000 K/min", Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, Some(25.0 + 0.1 * t))), 31.0),
-            ("rate of the cell temperature -6.0000 K/min", Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, Some(25.0 - 0.1 * t))), 31.0),
-            ("time without a cell temperature 61.0000 s", Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, None)), 61.0),
-        ];
-        for (text, of, at_s) in cases {
-            let tripped = play(&mut live((-1000.0, 10.0)), course(300, of));
-            assert!(tripped.as_ref().is_some_and(|(found, time_s)| found.starts_with(text) && *time_s == at_s), "{text}: {tripped:?}");
-        }
-    }
-
-    #[test]
-    fn a_reading_that_comes_late_trips_only_while_current_may_flow() {
-        let reading = |time_s| Reading { time_s, voltage_v: Some(3.7), temperature_c: Some(25.0), ..Reading::default() };
-        let mut interlock = live(FREE);
-        assert_eq!(interlock.judge(&reading(1.0), 1.0), None);
-        let trip = interlock.judge(&reading(20.0), 20.0).map(|trip| trip.to_string()).unwrap_or_default();
-        assert!(trip.starts_with("time without a reading 19.0000 s left its limits (0 s to 15 s)"), "{trip}");
-        let mut resting = Interlock::new(SETTINGS, LIMITS, true);
-        resting.begin(Allowance::idle(LIMITS), 0.0);
-        assert_eq!((resting.judge(&reading(1.0), 1.0), resting.judge(&reading(500.0), 500.0)), (None, None));
-        // What was not read at rest is not late when the step begins, and late when it still is not read.
-        resting.begin(Allowance { live: true, ..Allowance::idle(LIMITS) }, 900.0);
-        assert_eq!(resting.judge(&reading(901.0), 901.0), None);
-        assert!(resting.judge(&reading(950.0), 950.0).is_some());
-    }
-
-    #[test]
-    fn a_bench_without_a_logger_is_not_asked_for_a_temperature() {
-        let mut interlock = Interlock::new(SETTINGS, LIMITS, false);
-        interlock.begin(Allowance { live: true, charge_c: FREE, ..Allowance::idle(LIMITS) }, 0.0);
-        assert_eq!(play(&mut interlock, course(200, |t| (4.0 - 1.0e-4 * t, 0.0, None))), None);
-    }
-
-    #[test]
-    fn a_supply_that_holds_the_voltage_may_hold_it_and_a_step_that_goes_on_counts_on() {
-        let mut interlock = Interlock::new(SETTINGS, LIMITS, false);
-        let holding = Allowance { live: true, held_v: 4.1, ..Allowance::idle(LIMITS) };
-        interlock.begin(holding, 0.0);
-        assert_eq!(play(&mut interlock, course(200, |_| (4.15, 3.0, None))), None);
-        interlock.begin(Allowance { continues: true, charge_c: (-10.0, 590.0), held_v: 0.0, ..holding }, 200.0);
-        let reading = Reading { time_s: 201.0, voltage_v: Some(4.15), current_a: Some(3.0), ..Reading::default() };
-        assert!(interlock.judge(&reading, 201.0).is_some_and(|trip| trip.to_string().starts_with("net charge of the step 600")));
-    }
-
-    #[test]
-    fn a_temperature_that_is_meant_to_change_may_change() {
-        let mut interlock = Interlock::new(SETTINGS, LIMITS, true);
-        interlock.begin(Allowance { tempering: true, ..Allowance::idle(LIMITS) }, 0.0);
-        assert_eq!(play(&mut interlock, course(120, |t| (3.7, 0.0, Some(20.0 + 0.2 * t)))), None);
-    }
-
-    #[test]
-    fn a_chiller_that_stopped_or_has_an_alarm_trips() {
-        let interlock = live(FREE);
-        let said = |running, alarm: bool| chiller::Status {
-            running,
-            remote: true,
-            alarm: alarm.then(|| "-01 LOW LEVEL ALARM".to_owned()),
-            raw: "02 REMOTE STOP".to_owned(),
-        };
-        assert_eq!(interlock.chiller(&said(true, false), 7.0), None);
-        for status in [said(false, false), said(true, true)] {
-            let trip = interlock.chiller(&status, 7.0).map(|trip| trip.to_string());
-            assert_eq!(trip.as_deref(), Some("chiller: expected it to run without an alarm, found `02 REMOTE STOP` at 7.0 s"));
-        }
-    }
-}
+mod tests;

@@ -9,6 +9,7 @@ use instruments::mock::plant;
 
 use crate::{
     config::{Experiment, Segment, Trace, check_frames},
+    plan::Through,
     procedure,
 };
 
@@ -121,6 +122,8 @@ fn trace(first: &Experiment, (run, ocv): (&PlannedRun, &OcvCurve), segments: &[(
         rest_s: run.settle_s.min(600.0),
         start_v: ((begin_v.min(end_v) - START_WITHIN_V).max(limits.min_v), (begin_v.max(end_v) + START_WITHIN_V).min(limits.max_v)),
         segments: segments.iter().map(segment).collect(),
+        through: Through::Bipolar,
+        averaged: None,
         ..like.clone()
     })
 }

@@ -8,7 +8,7 @@ fn in_virtual_time<T>(work: impl FnOnce(Clock) -> T) -> T {
 fn entries() -> Vec<Entry> {
     vec![
         Entry::Stage { stage: 0 },
-        Entry::Intent { stage: 0, step: 0, text: "mount \"cell\"".to_owned() },
+        Entry::Intent { stage: 0, step: 0, text: "mount \"cell\"".to_owned(), live: false },
         Entry::Done { stage: 0, step: 0 },
         Entry::Note { text: "odd, \"sha256\":\" in it".to_owned() },
         Entry::Ended { how: "finished".to_owned() },

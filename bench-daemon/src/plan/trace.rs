@@ -4,6 +4,55 @@ use analysis::dataset::Role;
 
 use crate::interlock::Limits;
 
+/// What a trace is played through.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Through {
+    /// The bipolar supply, step by step.
+    Bipolar,
+    /// The bipolar supply, which follows a wave in the generator's memory.
+    Wave {
+        /// Length of a step, s.
+        step_s: f64,
+        /// Steps of a period: the trace, and nothing before and behind it.
+        steps: usize,
+    },
+    /// The DC load draws, the DC supply charges; their own meters record.
+    LoadAndSupply,
+}
+
+/// What became of rows that are shorter than a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Averaged {
+    /// Length of a step, s.
+    pub step_s: f64,
+    /// Rows before.
+    pub rows: usize,
+    /// They are powers, W, and not currents, A.
+    pub power: bool,
+    /// Root mean square of what is left out, over time, W or A.
+    pub rms: f64,
+    /// The same over that of the rows.
+    pub share: f64,
+    /// Greatest difference, W or A.
+    pub greatest: f64,
+}
+
+impl std::fmt::Display for Averaged {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (what, kept, unit) = if self.power { ("powers", "energy", "W") } else { ("currents", "charge", "A") };
+        write!(
+            f,
+            "{} {what} averaged over steps of {} s: the {kept} of each step is kept, {:.3} {unit} rms ({:.1} % of the rows' rms) and at most {:.3} {unit} \
+             are left out",
+            self.rows,
+            self.step_s,
+            self.rms,
+            100.0 * self.share,
+            self.greatest
+        )
+    }
+}
+
 /// A current that steps, with the frames that record it. Times count from the start of the first frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracePlan {
@@ -15,6 +64,12 @@ pub struct TracePlan {
     pub role: Role,
     /// Traces of one group repeat each other.
     pub repeat_group: String,
+    /// What it is played through.
+    pub through: Through,
+    /// What became of rows that are shorter than a step.
+    pub averaged: Option<Averaged>,
+    /// Resistance between the cell and the load's voltmeter where load and supply drive, Ω.
+    pub lead_ohm: f64,
     /// Rest before it, nothing connected, s.
     pub rest_s: f64,
     /// Steps of the current, by time; the last is to zero.
@@ -69,9 +124,15 @@ const GREATEST_SWING: f64 = 0.5;
 pub const LONGEST_FRAME_S: f64 = 200.0;
 
 impl TracePlan {
-    /// Time between the first frame and the end of the last, s.
+    /// Time between the first frame and the end of the last, or of the current, s.
     pub fn length_s(&self) -> f64 {
-        self.frames.iter().map(|frame| frame.start_s + frame.span_s).fold(0.0, f64::max)
+        let end_s = self.levels.last().map_or(0.0, |level| level.at_s);
+        self.frames.iter().map(|frame| frame.start_s + frame.span_s).fold(end_s, f64::max)
+    }
+
+    /// It needs the bipolar supply.
+    pub fn bipolar(&self) -> bool {
+        self.through != Through::LoadAndSupply
     }
 
     /// Least and greatest current, A; at most and at least zero.
@@ -124,6 +185,10 @@ impl TracePlan {
     }
 
     fn check_frames(&self) -> Result<(), String> {
+        if !self.bipolar() {
+            let ends = self.levels.last().is_some_and(|level| level.current_a == 0.0);
+            return ends.then_some(()).ok_or_else(|| "expected an end without current".to_owned());
+        }
         if let Some(frame) = self.frames.iter().find(|frame| frame.span_s > LONGEST_FRAME_S) {
             return Err(format!(
                 "expected steps that frames of at most {LONGEST_FRAME_S} s can hold, found one of {} s at {:.1} s: set pauses between the steps",
@@ -148,6 +213,9 @@ pub(crate) fn test_trace() -> TracePlan {
         repeat: 1,
         role: analysis::dataset::Role::Train,
         repeat_group: "t".to_owned(),
+        through: Through::Bipolar,
+        averaged: None,
+        lead_ohm: 0.0,
         rest_s: 0.0,
         levels: vec![Level { at_s: 0.5, current_a: -1.0, power_w: None }, Level { at_s: 5.5, current_a: 0.0, power_w: None }],
         frames: Vec::new(),

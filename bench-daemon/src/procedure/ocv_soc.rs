@@ -66,9 +66,11 @@ mod tests {
             drift_c: 100.0,
             reading_age_s: 10.0,
             temperature_age_s: 60.0,
+            frozen_s: 30.0,
             frozen_c: 10.0,
         };
-        let cell = Cell { name: "c".to_owned(), capacity_c: 16_200.0, limits, interlock, series: 1, parallel: 1, ocv: None };
+        let cell =
+            Cell { name: "c".to_owned(), capacity_c: 16_200.0, limits, interlock, series: 1, parallel: 1, ocv: None, wide: Vec::new() };
         let ocv = OcvSoc {
             charge_a: 1.0,
             charge_limit_v: 4.2,

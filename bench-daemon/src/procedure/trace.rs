@@ -1,24 +1,27 @@
 //! A current trace: the bipolar supply drives steps of direct current; the scope, which cannot look while it is read, records frames around the
-//! steps and short ones between them.
+//! steps and short ones between them. A wave in the generator's memory is one frame; what load and supply play, their own meters record.
 
 use std::sync::Arc;
 
-use instruments::mock::plant::Fixture;
+use instruments::{mock::plant::Fixture, supply4q::Holds};
 
 use crate::{
-    config::{Cell, Segment, Trace},
-    plan::{Frame, LONGEST_FRAME_S, Level, Purpose, Stage, Step, TracePlan},
+    config::{AFTER_WAVE_S, BEFORE_S, Cell, Segment, Trace},
+    plan::{Frame, LONGEST_FRAME_S, Level, Purpose, Stage, Step, Through, TracePlan},
 };
 
-/// A frame begins this long before a step …
-const BEFORE_S: f64 = 0.5;
-/// … and ends this long after it at least, s.
+/// A frame ends this long after a step at least, s.
 const AFTER_S: f64 = 2.0;
 /// To read a frame and arm for the next, s.
 const GAP_S: f64 = 2.5;
 /// A frame between steps: long enough to roll, s.
 const SPOT_S: f64 = 1.0;
 const SPOT_POINTS: u64 = 2_000;
+/// A share of a step that rounding may make.
+const ROUNDING: f64 = 1.0e-6;
+/// Samples of a step of a wave, at least, and the records that there are.
+const SAMPLES_PER_STEP: f64 = 8.0;
+const WAVE_POINTS: [u64; 3] = [POINTS, 2 * POINTS, 5 * POINTS];
 /// A frame around steps has this many points …
 const POINTS: u64 = 100_000;
 /// … up to this length, s, and ten times as many beyond.
@@ -29,14 +32,21 @@ const COMPLIANCE: (f64, f64) = (0.3, 0.1);
 const LIMIT: (f64, f64) = (1.02, 0.5);
 
 /// `held` as for a sweep; `screen_s`: the time that the scope's screen spans when it is to hold at least a given span.
-pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: bool, screen_s: impl Fn(f64) -> f64) -> Stage {
+pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: Holds, screen_s: impl Fn(f64) -> f64) -> Stage {
     let levels = levels(trace);
-    let frames = frames(&levels, end_s(trace), trace, screen_s);
+    let frames = match trace.through {
+        Through::Bipolar => frames(&levels, end_s(trace), trace, screen_s),
+        Through::Wave { step_s, .. } => vec![wave_frame(end_s(trace), step_s, screen_s)],
+        Through::LoadAndSupply => Vec::new(),
+    };
     let plan = Arc::new(TracePlan {
         name: trace.name.clone(),
         repeat,
         role: trace.role,
         repeat_group: trace.repeat_group.clone(),
+        through: trace.through,
+        averaged: trace.averaged,
+        lead_ohm: trace.lead_ohm,
         rest_s: trace.rest_s,
         levels,
         frames,
@@ -52,7 +62,9 @@ pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: bool, s
         limit_a: hundredths(LIMIT.0 * most_a + LIMIT.1),
         held,
     };
-    let steps = vec![Step::Mount(Fixture::Cell), Step::Zero(plan.clone()), up, Step::Trace(plan), Step::PowerDown];
+    let (mount, zero) = (Step::Mount(Fixture::Cell), Step::Zero(plan.clone()));
+    let steps =
+        if plan.bipolar() { vec![mount, zero, up, Step::Trace(plan), Step::PowerDown] } else { vec![mount, zero, Step::Trace(plan)] };
     Stage { purpose: Purpose::Trace, steps }
 }
 
@@ -63,7 +75,7 @@ fn hundredths(value: f64) -> f64 {
 
 /// The steps of the current; equal neighbours are one, and nothing flows at the end.
 fn levels(trace: &Trace) -> Vec<Level> {
-    let (mut levels, mut flowing, mut at_s): (Vec<Level>, _, f64) = (Vec::new(), (0.0, None), BEFORE_S);
+    let (mut levels, mut flowing, mut at_s): (Vec<Level>, _, f64) = (Vec::new(), (0.0, None), before_s(trace));
     for Segment { current_a, duration_s, power_w } in trace.segments.iter().copied() {
         // Without a current there is no power either.
         let power_w = power_w.filter(|_| current_a != 0.0);
@@ -79,8 +91,21 @@ fn levels(trace: &Trace) -> Vec<Level> {
     levels
 }
 
+/// Time before the first row, s: whole steps of a wave.
+fn before_s(trace: &Trace) -> f64 {
+    if let Through::Wave { step_s, .. } = trace.through { (BEFORE_S / step_s - ROUNDING).ceil() * step_s } else { BEFORE_S }
+}
+
+/// The frame that holds a whole wave, with as many points as its steps want.
+fn wave_frame(end_s: f64, step_s: f64, screen_s: impl Fn(f64) -> f64) -> Frame {
+    let span_s = screen_s(end_s + AFTER_WAVE_S);
+    let wanted = span_s / step_s * SAMPLES_PER_STEP;
+    let record_points = WAVE_POINTS.into_iter().find(|points| *points as f64 >= wanted).unwrap_or(10 * POINTS);
+    Frame { start_s: 0.0, span_s, memory_points: record_points.max(10 * POINTS), record_points }
+}
+
 fn end_s(trace: &Trace) -> f64 {
-    BEFORE_S + trace.segments.iter().map(|segment| segment.duration_s).sum::<f64>()
+    before_s(trace) + trace.segments.iter().map(|segment| segment.duration_s).sum::<f64>()
 }
 
 /// Frames around the steps, each as long as its steps want, and spots between them, the farther apart the longer ago the step is.
@@ -127,6 +152,9 @@ mod tests {
             repeat_group: "t".to_owned(),
             repeat: 1,
             rest_s: 0.0,
+            through: Through::Bipolar,
+            averaged: None,
+            lead_ohm: 0.0,
             start_v: (3.6, 3.8),
             resistance_max_ohm: 0.03,
             segments: segments.iter().map(|&(current_a, duration_s)| Segment { current_a, duration_s, power_w: None }).collect(),

@@ -44,6 +44,7 @@ impl Recorder {
             journal,
             drill: Drill::none(),
             fresh: Vec::new(),
+            taps: Vec::new(),
             events: append(&folder.join("events.csv"))?,
             readings: append(&folder.join("readings.csv"))?,
             series: readings(&folder.join("readings.csv")),
@@ -112,8 +113,7 @@ impl Recorder {
 
 /// SHA-256 of a file.
 pub(super) fn sha256_of(path: &Path) -> Result<String, RecordError> {
-    let bytes = fs::read(path).map_err(io(path, "cannot be read"))?;
-    Ok(hash::sha256(bytes))
+    hash::sha256_of(path).map_err(io(path, "cannot be read"))
 }
 
 /// Two numbers that are none are the same.
@@ -196,5 +196,28 @@ mod tests {
         fs::write(recorder.path("other.csv"), whole(2)).unwrap();
         let message = recorder.settle_spectrum("other.csv", &[point(1.0), point(2.5)]).unwrap_err().to_string();
         assert!(message.contains("other.csv: expected the point of the journal in row 2: "), "{message}");
+    }
+
+    #[test]
+    fn the_torn_last_line_of_every_growing_table_is_cut_off() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path().join("run");
+        let clock = Clock::start(TimeMode::Real);
+        let mut recorder = Recorder::create(&run, clock.clone()).unwrap();
+        recorder.tap("load").unwrap();
+        drop(recorder);
+        let growing = ["events.csv", "readings.csv", "log.txt", "transcripts/load.txt"];
+        for name in growing {
+            let whole = fs::read_to_string(run.join(name)).unwrap_or_default() + "1.000,whole\n";
+            fs::write(run.join(name), whole + "2.000,to").unwrap();
+        }
+        let started = crate::journal::Line { number: 1, time_s: 0.0, entry: crate::story::test_started() };
+        let read = Read { lines: vec![started], whole_bytes: 0, torn: Vec::new() };
+        let story = Story::of(&read.lines).unwrap();
+        drop(Recorder::reopen(&run, clock, (&read, &story)).unwrap());
+        for name in growing {
+            let text = fs::read_to_string(run.join(name)).unwrap();
+            assert!(text.ends_with("1.000,whole\n"), "{name}: {text:?}");
+        }
     }
 }

@@ -128,7 +128,7 @@ impl Watch {
                 *self.stages.entry(stage).or_default() = Stage::default();
                 (self.at, self.last_text) = (Some((stage, 0, line.time_s)), String::new());
             }
-            Entry::Intent { stage, step, text } => (self.at, self.last_text) = (Some((stage, step, line.time_s)), text),
+            Entry::Intent { stage, step, text, .. } => (self.at, self.last_text) = (Some((stage, step, line.time_s)), text),
             Entry::Done { stage, step } => drop(self.stages.entry(stage).or_default().done.insert(step, false)),
             Entry::Point(point) => drop(self.stages.entry(point.stage).or_default().done.insert(point.step, true)),
             Entry::StageDone { stage } => self.stages.entry(stage).or_default().finished = true,

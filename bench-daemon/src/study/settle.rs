@@ -1,6 +1,6 @@
-//! Plays the recommended experiment of a diagnosis on the same hidden truth, and diagnoses again.
+//! Plays the recommended experiments of a diagnosis on the same hidden truth, one after the other, and diagnoses again after each.
 
-use analysis::diagnosis::{BaseModel, BenchLimits, DataSet, DiagnosisOptions, Fixture, Outcome, Planned, PlannedRun, diagnose};
+use analysis::diagnosis::{BaseModel, BenchLimits, DataSet, DiagnosisOptions, Fixture, Outcome, Planned, PlannedRun, Verdict, gate};
 use fixtures::hidden::{self, PlanKind, RunPlan, Spec, Trace};
 
 use super::convert;
@@ -13,19 +13,27 @@ pub fn options() -> DiagnosisOptions {
     DiagnosisOptions { limits: Some(LIMITS), ..DiagnosisOptions::default() }
 }
 
-/// The diagnosis with the recommended runs among the training runs; none where nothing was recommended.
+/// Recommended experiments that are played at most.
+pub const MOST: usize = 3;
+
+/// The diagnoses after each recommended experiment, until one is neither ambiguous nor unexplained, nothing is recommended, or [`MOST`] were played.
 ///
 /// # Errors
 /// A set that cannot be used.
-pub fn settle(spec: &Spec, set: &DataSet, model: &BaseModel, outcome: &Outcome) -> anyhow::Result<Option<Outcome>> {
-    if outcome.next_runs.is_empty() {
-        return Ok(None);
-    }
+pub fn settle(spec: &Spec, set: &DataSet, model: &BaseModel, outcome: &Outcome) -> anyhow::Result<Vec<Outcome>> {
     let mut more = set.clone();
-    for run in &outcome.next_runs {
-        more.runs.extend((0..run.repeat).map(|nth| convert::run(&hidden::follow_up(spec, &plan(run, nth)))));
+    let mut after: Vec<Outcome> = Vec::new();
+    while after.len() < MOST {
+        let last = after.last().unwrap_or(outcome);
+        if !matches!(last.diagnosis.verdict, Verdict::Ambiguous | Verdict::Unexplained) || last.next_runs.is_empty() {
+            break;
+        }
+        for run in &last.next_runs {
+            more.runs.extend((0..run.repeat).map(|nth| convert::run(&hidden::follow_up(spec, &plan(run, nth)))));
+        }
+        after.push(gate::diagnose_gated(&more, Vec::new(), model, &options())?);
     }
-    Ok(Some(diagnose(&more, model, &options())?))
+    Ok(after)
 }
 
 /// One repeat of a planned run, counted from 0, as the simulated bench is asked for it.
@@ -43,7 +51,7 @@ fn plan(run: &PlannedRun, nth: usize) -> RunPlan {
         }
     };
     RunPlan {
-        name: format!("{}_after_{}", run.name, nth + 1),
+        name: format!("{}_{}", run.name, run.order as usize + nth),
         kind,
         fixture,
         temperature_c: run.temperature_c,

@@ -65,11 +65,15 @@ pub struct Score {
     pub ranking: Vec<String>,
     /// Summary and notes.
     pub notes: Vec<String>,
-    /// What an ambiguous end recommended.
-    pub recommended: Option<Recommended>,
+    /// λ that each name removes.
+    pub lambdas: Vec<f64>,
+    /// Rivals with their score less that of the named one, and r.
+    pub gaps: Vec<(&'static str, f64, f64)>,
+    /// The runs that an ambiguous end asked for, in the order in which they were played.
+    pub recommended: Vec<Recommended>,
 }
 
-/// The recommended run of an ambiguous trial, and the end with it among the training runs.
+/// A recommended run, and the end with it among the training runs.
 #[derive(Debug, Clone, Serialize)]
 pub struct Recommended {
     /// Name in the menu.
@@ -78,10 +82,12 @@ pub struct Recommended {
     pub separation_sigma: (f64, f64),
     /// Time on the bench, min.
     pub duration_min: f64,
+    /// Whether it was expected to settle everything that was open.
+    pub settles: bool,
     /// The end with it.
     pub settled: End,
-    /// Names and rivals given then.
-    pub named: (Vec<&'static str>, Vec<&'static str>),
+    /// Names with the λ of each, and rivals with their score less that of the named one, given then.
+    pub named: (Vec<(&'static str, f64)>, Vec<(&'static str, f64)>),
     /// Summary and notes then.
     pub notes: Vec<String>,
 }
@@ -130,12 +136,13 @@ pub fn play(stratum: Stratum, spec: &Spec) -> anyhow::Result<Score> {
         };
     let lambda = if spec.corruption.is_none() && !spec.hidden.is_empty() { strength(spec, &case).ok() } else { None };
     let closed = closed(&case, &set, &model, &outcome);
-    let recommended = if outcome.diagnosis.verdict == Verdict::Ambiguous {
-        settle(spec, &set, &model, &outcome)?.and_then(|after| recommended(&truth(&case), &outcome, &after))
-    } else {
-        None
-    };
-    Ok(Score { recommended, ..score(stratum, &case, Some(&outcome), (lambda, closed)) })
+    let mut asked = Vec::new();
+    if outcome.diagnosis.verdict == Verdict::Ambiguous {
+        let after = settle(spec, &set, &model, &outcome)?;
+        let before = std::iter::once(&outcome).chain(&after);
+        asked.extend(before.zip(&after).filter_map(|(before, after)| recommended(&truth(&case), before, after)));
+    }
+    Ok(Score { recommended: asked, ..score(stratum, &case, Some(&outcome), (lambda, closed)) })
 }
 
 /// How the recommended run ends it.
@@ -147,8 +154,9 @@ fn recommended(truth: &[&str], before: &Outcome, after: &Outcome) -> Option<Reco
         name: next.name,
         separation_sigma: (next.separation_sigma, next.separation_now_sigma),
         duration_min: next.duration_min,
+        settles: next.settles,
         settled: end(Some(d.verdict), truth, &named, &rivals),
-        named: (named, rivals),
+        named: (d.effects.iter().map(|e| (e.name, e.evidence.lambda)).collect(), d.rivals.iter().map(|r| (r.name, r.score_gap)).collect()),
         notes: std::iter::once(&d.summary).chain(&d.notes).cloned().collect(),
     })
 }
@@ -239,7 +247,9 @@ fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, clos
         places: d.map_or(Vec::new(), |d| d.blocks.iter().take(5).map(place).collect()),
         ranking: d.map_or(Vec::new(), |d| d.ranking.iter().take(6).map(candidate).collect()),
         notes: d.map_or(Vec::new(), |d| std::iter::once(&d.summary).chain(&d.notes).cloned().collect()),
-        recommended: None,
+        lambdas: d.map_or(Vec::new(), |d| d.effects.iter().map(|e| e.evidence.lambda).collect()),
+        gaps: d.map_or(Vec::new(), |d| d.rivals.iter().map(|r| (r.name, r.score_gap, r.discriminability)).collect()),
+        recommended: Vec::new(),
     }
 }
 

@@ -50,6 +50,17 @@ fn every_file_in_configs_is_sound() {
 }
 
 #[test]
+fn two_instruments_cannot_share_a_gpib_adapter() {
+    let bench = "benches/demo.toml";
+    let folder = altered(bench, "\"memory:generator\"", "\"gpib:tcp:10.0.0.9:1234/8\"");
+    let path = folder.path().join(bench);
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace("\"memory:scope\"", "\"gpib:tcp:10.0.0.9:1234/7\"")).unwrap();
+    let message = load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string();
+    assert!(message.contains("instruments.scope.address: expected a GPIB adapter of its own, found that of generator"), "{message}");
+}
+
+#[test]
 fn mistakes_are_named_with_file_line_and_field() {
     let experiment = "experiments/demo.toml";
     let bench = "benches/demo.toml";
@@ -72,6 +83,7 @@ fn mistakes_are_named_with_file_line_and_field() {
             "instruments.load.model: expected one of siglent-sdl1000x, rigol-dl3000, found \"siglent-sdl9\"",
         ),
         (bench, "\"memory:scope\"", "\"tcp:/scope\"", "instruments.scope.address: "),
+        (bench, "\"memory:scope\"", "\"vxi11:host:0/inst0\"", "instruments.scope.address: port: expected a number from 1 to 65535"),
         (bench, "\"9.96 mΩ\"", "\"9.96 mV\"", "wiring.shunt.resistance: expected a resistance with its unit"),
         (
             "experiments/accurate.toml",
@@ -192,4 +204,96 @@ fn what_the_bench_cannot_do_is_refused_before_it_is_begun() {
         let message = complaint(file, from, to);
         assert!(message.contains(expected), "{message}");
     }
+}
+
+#[test]
+fn quirks_are_checked_against_what_the_model_has_and_a_logger_against_its_inputs() {
+    let second = std::fs::read_to_string(configs().join("benches/second.toml")).unwrap();
+    for (more, message) in [
+        (
+            "[simulation.quirks.scope]\npage_byte = 1",
+            "rigol-dho800: quirk page_byte: expected one of echo, min_gap, first_answer, late_end, digits, second_client, page_points, sticky_transfer, stop_delay, flash, double_end, block_prefix, found `page_byte`",
+        ),
+        ("[simulation.quirks.logger]\nunit = \"R\"", "siglent-sdm3065x: quirk unit: expected one of C, F, K, found `R`"),
+        ("[simulation.quirks.load]\nclamps = 1", "rigol-dl3000: quirk clamps: expected true or false, found 1"),
+        (
+            "[simulation.quirks.oven]\necho = true",
+            "expected an instrument of this bench (supply4q, generator, scope, load, supply, chiller, logger, jig), found \"oven\"",
+        ),
+        ("[thermostat]\nwindow = \"50 s\"", "expected 5 s to 45 s, found 50 s"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bench.toml");
+        std::fs::write(&path, format!("{second}\n{more}\n")).unwrap();
+        let met = bench_daemon::config::load_bench(&path).unwrap_err().to_string();
+        assert!(met.contains(message), "{met}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bench.toml");
+    std::fs::write(&path, second.replace("cell_channel = 1", "cell_channel = 1\nambient_channel = 2")).unwrap();
+    let met = bench_daemon::config::load_bench(&path).unwrap_err().to_string();
+    assert!(
+        met.contains("ambient_channel") && met.contains("a channel that a siglent-sdm3065x has (one input is channel 1), found 2"),
+        "{met}"
+    );
+}
+
+#[test]
+fn limits_beyond_the_cells_own_are_refused_and_useless_ones_are_loudly_said() {
+    use crate::support::{CELL, Files, program};
+    let plan = |files: &Files| program(&["plan".as_ref(), files.experiment().as_os_str()]);
+    let quiet = plan(&Files::short(2));
+    quiet.expect_code(0);
+    assert_eq!(quiet.stderr, "");
+    for (from, to, expected) in [
+        (
+            "voltage_max = \"4.2 V\"",
+            "voltage_max = \"4.3 V\"",
+            "voltage_max: expected at most 4.2 V, the cell's absolute limit in [absolute], found 4.3 V",
+        ),
+        (
+            "voltage_min = \"2.5 V\"",
+            "voltage_min = \"2 V\"",
+            "voltage_min: expected at least 2.5 V, the cell's absolute limit in [absolute], found 2 V",
+        ),
+        ("charge_current_max = \"13.5 A\"", "charge_current_max = \"20 A\"", "charge_current_max: expected at most 13.5 A, "),
+        ("discharge_current_max = \"45 A\"", "discharge_current_max = \"50 A\"", "discharge_current_max: expected at most 45 A, "),
+        ("temperature_min = \"0 °C\"", "temperature_min = \"-10 °C\"", "temperature_min: expected at least 0 °C, "),
+        ("temperature_max = \"60 °C\"", "temperature_max = \"80 °C\"", "temperature_max: expected at most 60 °C, "),
+        ("capacity = \"4.5 Ah\"", "capacity = \"9 Ah\"", "capacity: expected at most 4.5 Ah, "),
+    ] {
+        let refused = plan(&Files::short(2).edit(CELL, from, to));
+        refused.expect_code(2);
+        assert!(refused.message().contains(expected), "{}", refused.message());
+    }
+    let bare = || Files::short(2).without(CELL, "absolute");
+    for (from, to, expected) in [
+        (
+            "voltage_max = \"4.2 V\"",
+            "voltage_max = \"4.6 V\"",
+            "voltage_max = 4.6 V is above 4.22 V, the greatest voltage of this cell in [ocv]",
+        ),
+        ("voltage_min = \"2.5 V\"", "voltage_min = \"1 V\"", "voltage_min = 1 V is below 2.48 V, the least voltage of this cell in [ocv]"),
+        ("charge_current_max = \"13.5 A\"", "charge_current_max = \"20 A\"", "charge_current_max = 20 A is above 13.725 A, "),
+        ("discharge_current_max = \"45 A\"", "discharge_current_max = \"90 A\"", "discharge_current_max = 90 A is above 67.5 A, "),
+        ("temperature_min = \"0 °C\"", "temperature_min = \"-40 °C\"", "temperature_min = -40 °C is below -20 °C, "),
+        ("temperature_max = \"60 °C\"", "temperature_max = \"200 °C\"", "temperature_max = 200 °C is above 60 °C, "),
+        ("\"5 K/min\"", "\"600 K/min\"", "interlock.temperature_rate_max = 600 K/min is above 20 K/min, "),
+        ("charge_max = \"110 %\"", "charge_max = \"500 %\"", "interlock.charge_max = 500 % is above 125 %, more than any cell holds"),
+        ("charge_drift_max = \"2 %\"", "charge_drift_max = \"100 %\"", "interlock.charge_drift_max = 100 % is above 10 %, "),
+        ("frozen_charge = \"2 %\"", "frozen_charge = \"100 %\"", "interlock.frozen_charge = 100 % is above 10 %, "),
+        ("frozen_time = \"30 s\"", "frozen_time = \"3600 s\"", "interlock.frozen_time = 3600 s is above 300 s, "),
+        ("reading_age_max = \"15 s\"", "reading_age_max = \"600 s\"", "interlock.reading_age_max = 600 s is above 60 s, "),
+    ] {
+        let said = plan(&bare().edit(CELL, from, to));
+        said.expect_code(0);
+        let expected = format!("eis-bench: A LIMIT OF THE CELL IS TOO WIDE: {expected}");
+        assert!(said.stderr.contains(&expected) && said.stderr.lines().count() == 1, "{expected}: {}", said.stderr);
+    }
+    let files = bare().edit(CELL, "\"5 K/min\"", "\"600 K/min\"");
+    let ran = files.run("run");
+    ran.expect_code(0);
+    let said = "A LIMIT OF THE CELL IS TOO WIDE: interlock.temperature_rate_max = 600 K/min";
+    assert!(ran.stderr.contains(said) && ran.stdout.contains(said), "{} {}", ran.stderr, ran.stdout);
+    assert!(std::fs::read_to_string(files.path("run/report.html")).unwrap().contains(said));
 }

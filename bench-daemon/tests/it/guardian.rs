@@ -36,16 +36,16 @@ pub(crate) fn report(files: &Files, status: &str) -> serde_json::Value {
     })
 }
 
-fn signal(process: i32, signal: Signal) {
+pub(crate) fn signal(process: i32, signal: Signal) {
     kill(Pid::from_raw(process), signal).unwrap();
 }
 
-fn pid(child: &Running) -> i32 {
+pub(crate) fn pid(child: &Running) -> i32 {
     i32::try_from(child.0.id()).unwrap()
 }
 
 /// A command on the bench file.
-fn on_bench(files: &Files, words: &[&str]) -> Ended {
+pub(crate) fn on_bench(files: &Files, words: &[&str]) -> Ended {
     let bench = files.path(BENCH);
     let arguments: Vec<&std::ffi::OsStr> =
         words[..1].iter().map(AsRef::as_ref).chain([bench.as_os_str()]).chain(words[1..].iter().map(AsRef::as_ref)).collect();

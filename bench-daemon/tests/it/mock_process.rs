@@ -22,17 +22,18 @@ fn files() -> Files {
         .without(EXPERIMENT, "soc_reset")
 }
 
-#[test]
-fn only_the_addresses_change_from_this_process_to_another() {
-    let files = files();
+/// Runs the experiment in this process and on the mocks of another, and compares.
+fn compare(files: Files, over: &[&str], expected_addresses: &[(&str, &str)]) {
     let here = run_experiment(&files.load(), &files.path("here")).unwrap();
     let truth = truth(here.simulation.unwrap().world(), &here.measured.spectrum.points);
 
     let files = files.edit(BENCH, "\"memory:chiller\"", "\"serial:/dev/ttyUSB0?baud=4800&parity=even&data=7&stop=1&flow=rtscts\"");
     let written = files.path("benches/served.toml");
-    let mock = MockProcess::start(&files.path(BENCH), &written, (TIME, SEED));
+    let mock = MockProcess::start_over(&files.path(BENCH), &written, (TIME, SEED), over);
     assert_eq!(mock.line["time"], TIME);
-    assert!(mock.address("scope").starts_with("tcp://127.0.0.1:"), "{}", mock.address("scope"));
+    for (role, form) in expected_addresses {
+        assert!(mock.address(role).starts_with(form), "{}", mock.address(role));
+    }
     let chiller = mock.address("chiller");
     assert!(chiller.starts_with("serial:/dev/pts/") && chiller.contains("baud=4800&parity=even"), "{chiller}");
     let there = files.path("there");
@@ -63,6 +64,40 @@ fn only_the_addresses_change_from_this_process_to_another() {
         assert!(!sent(&there, role).is_empty(), "{role}");
     }
     assert!(sent(&there, "chiller").contains(&"OUT_SP_00 22.00".to_owned()), "{:?}", sent(&there, "chiller"));
+}
+
+#[test]
+fn only_the_addresses_change_from_this_process_to_another() {
+    compare(files(), &[], &[("scope", "tcp://127.0.0.1:")]);
+}
+
+#[test]
+fn a_bench_whose_instruments_are_on_as_many_transports_measures_the_same() {
+    let over = ["supply4q=vxi11", "generator=gpib", "scope=hislip", "load=vxi11-mapped", "supply=hislip", "logger=vxi11"];
+    let forms = [
+        ("supply4q", "vxi11:127.0.0.1:"),
+        ("generator", "gpib:tcp:127.0.0.1:"),
+        ("scope", "hislip:127.0.0.1:"),
+        ("load", "vxi11:127.0.0.1/inst0?portmapper="),
+        ("supply", "hislip:127.0.0.1:"),
+        ("logger", "vxi11:127.0.0.1:"),
+        ("jig", "tcp://127.0.0.1:"),
+    ];
+    compare(files(), &over, &forms);
+}
+
+#[test]
+fn another_transport_is_for_a_role_of_the_bench_and_is_one_that_there_is() {
+    let files = Files::short(2);
+    let bench = files.path(BENCH);
+    for (over, expected) in [
+        ("printer=tcp", "--over: expected a role of this bench (supply4q, generator, "),
+        ("scope=usb", "expected TRANSPORT or ROLE=TRANSPORT out of tcp, vxi11, vxi11-mapped, hislip, gpib, serial, found `scope=usb`"),
+    ] {
+        let ended = program(&["mock".as_ref(), bench.as_os_str(), "--over".as_ref(), over.as_ref()]);
+        ended.expect_code(2);
+        assert!(ended.stderr.contains(expected), "{}", ended.stderr);
+    }
 }
 
 #[test]

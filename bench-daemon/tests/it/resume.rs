@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use crate::support::{BENCH, EXPERIMENT, Ended, Files, Ports, command, files_below, json, program};
+use crate::support::{BENCH, EXPERIMENT, Ended, Files, Ports, command, files_below, json, program, sent};
 
 /// Runs the experiment with a crash drill; it must die by SIGKILL.
 fn die(files: &Files, run: &Path, drill: &str) {
@@ -17,6 +17,11 @@ pub(crate) fn resume(run: &Path, more: &[&str]) -> Ended {
     let mut arguments = vec!["resume".as_ref(), run.as_os_str()];
     arguments.extend(more.iter().map(|argument| <str as AsRef<std::ffi::OsStr>>::as_ref(argument)));
     program(&arguments)
+}
+
+/// A person has looked.
+pub(crate) fn clear(files: &Files) {
+    program(&["clear".as_ref(), files.path(BENCH).as_os_str(), "--yes".as_ref()]).expect_code(0);
 }
 
 #[track_caller]
@@ -74,6 +79,93 @@ fn a_folder_that_is_not_what_it_was_is_refused_and_says_what_differs() {
     refused("events.csv", "mount shunt", "mount short", "events.csv: expected the run played again from its seed to give the same");
     fs::remove_file(run.join("journal.jsonl")).unwrap();
     assert!(resume(&run, &[]).expect_code(2).message().contains("journal.jsonl: cannot be read: "));
+}
+
+#[test]
+fn a_run_whose_process_lives_is_not_gone_on_with_and_one_whose_process_is_gone_hears_nothing() {
+    let files = Files::short(3);
+    let run = files.path("died");
+    die(&files, &run, "journal:24");
+    let journal = fs::File::open(run.join("journal.jsonl")).unwrap();
+    journal.try_lock().unwrap();
+    let refused = resume(&run, &[]);
+    refused.expect_code(8);
+    assert!(refused.message().contains("expected a run that was interrupted, found one that is going on"), "{}", refused.message());
+    drop(journal);
+    resume(&run, &[]).expect_code(0);
+}
+
+/// What a full disk must not do: each kind of file, and the write to it from which on there is no room.
+const FULL: [&str; 17] = [
+    "journal.jsonl:30",
+    "events.csv:20",
+    "readings.csv:20",
+    "readings.parquet:1",
+    "transcripts/supply4q.txt:60",
+    "captures/shunt:2",
+    "captures/trace_pulse_1:2",
+    "raw_shunt.csv:2",
+    "raw_cell.csv:1",
+    "spectrum.csv:1",
+    "correction.json:1",
+    "controls.json:1",
+    "traces.json:1",
+    "series_pulse_1.bdf.csv:1",
+    "manifest.json:2",
+    "config/:2",
+    "model_1rc.json:1",
+];
+
+#[test]
+fn a_full_disk_ends_the_run_in_safe_state_whatever_cannot_be_written_and_nothing_is_lost() {
+    let files = Files::short(2).append(EXPERIMENT, TRACE);
+    let whole = files.path("whole");
+    files.run("whole").expect_code(0);
+    let experiment = files.experiment();
+    for (index, full) in FULL.into_iter().enumerate() {
+        let run = files.path(&format!("full{index}"));
+        let mut command = command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]);
+        let output = command.env("EIS_BENCH_DRILL", format!("full:{full}")).output().unwrap();
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{full}: {text}");
+        let message = text.lines().rev().find_map(|line| line.strip_prefix("eis-bench: ")).unwrap_or_default();
+        let (name, _) = full.split_once(':').unwrap();
+        assert!(message.contains(name.trim_end_matches('/')) && message.contains("No space left on device"), "{full}: {message}");
+        if let Some(last) = sent(&run, "supply4q").into_iter().rev().find(|message| message.starts_with("OUTP O")) {
+            assert_eq!(last, "OUTP OFF", "{full}");
+        }
+        // With room again, nothing is missing.
+        if name == "config/" {
+            assert!(resume(&run, &[]).expect_code(2).message().contains("nothing was done yet"));
+        } else if index % 3 == 0 {
+            resume(&run, &[]).expect_code(0);
+            assert_same_files(&run, &whole);
+        }
+    }
+}
+
+#[test]
+fn a_small_disk_that_is_really_full_ends_the_run_and_with_room_it_goes_on() {
+    let files = Files::short(2);
+    files.run("whole").expect_code(0);
+    // A disk of its own needs a name space of its own, which not every machine gives.
+    let disk = files.path("disk");
+    fs::create_dir_all(&disk).unwrap();
+    let script = "mount -t tmpfs -o size=$3 tmpfs $2/disk || exit 77; \"$1\" run $2/experiments/demo.toml --out $2/disk/run; ended=$?; \
+                  mount -o remount,size=64m $2/disk; if [ $ended -ne 0 ]; then \"$1\" resume $2/disk/run || exit 78; fi; \
+                  cp -r $2/disk/run $2/copy$3; exit $ended";
+    for size in ["100k", "250k", "400k"] {
+        let mut command = std::process::Command::new("unshare");
+        let command = command.args(["-rm", "sh", "-c", script, "sh", env!("CARGO_BIN_EXE_eis-bench")]).arg(files.path("")).arg(size);
+        let Ok(output) = command.output() else { return };
+        let (code, text) = (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned());
+        if code == Some(77) || text.starts_with("unshare: ") {
+            return;
+        }
+        assert_eq!(code, Some(1), "{size}: {text}");
+        assert!(text.contains("No space left on device"), "{size}: {text}");
+        assert_same_files(&files.path(&format!("copy{size}")), &files.path("whole"));
+    }
 }
 
 #[test]
@@ -148,6 +240,14 @@ fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
     child.0.wait().unwrap();
     signal(nix::sys::signal::Signal::SIGKILL);
     assert_eq!(ports.ask("supply4q", "OUTP?"), "1");
+    // Whatever became of the run: what it has left on is looked at, written down and switched off first.
+    let latched = resume(&run, &[]);
+    latched.expect_code(7);
+    for text in ["and so did its guardian: nobody has switched off after it; found supply4q ON, ", " in step \"trace pulse, repeat 1: "] {
+        assert!(latched.message().contains(text), "{text}: {}", latched.message());
+    }
+    ports.assert_outputs_off();
+    clear(&files);
     let refused = resume(&run, &[]);
     refused.expect_code(2);
     assert!(refused.message().contains("stage 1, step 4 (trace pulse, repeat 1: "), "{}", refused.message());
@@ -158,7 +258,7 @@ fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
     assert!(!before.contains("\"found\""));
     let (found, _) = after.split_once("\"entry\":\"safe\"").unwrap();
     assert_eq!(found.matches("\"entry\":{\"found\"").count(), 4, "everything that can move charge is looked at before it is switched off");
-    assert!(found.contains("\"role\":\"supply4q\",\"off\":false"), "{found}");
+    assert!(found.contains("\"role\":\"supply4q\",\"off\":true"), "{found}");
     assert_eq!(journal.matches("\"text\":\"trace pulse").count(), 2);
     assert_eq!(json(&run.join("traces.json"))["traces"].as_array().unwrap().len(), 1);
     ports.assert_outputs_off();
@@ -179,5 +279,21 @@ fn a_trace_that_is_in_the_index_is_done_whatever_the_journal_says() {
     let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap();
     assert_eq!(journal.matches("\"text\":\"trace pulse").count(), 1, "it is not played a second time");
     assert!(fs::read(&file).unwrap() == kept);
+    ports.assert_outputs_off();
+}
+
+#[test]
+fn the_charge_that_traces_have_left_is_known_after_a_resume() {
+    let files = traced().edit(EXPERIMENT, "name = \"pulse\"", "name = \"pulse\"\nrepeat = 2");
+    let ports = Ports::serve(&files, 4.0, 1);
+    let run = files.path("run");
+    // Fourteen lines for the first trace; the second one's stage has begun.
+    die(&files, &run, "journal:33");
+    assert_eq!(json(&run.join("traces.json"))["traces"].as_array().unwrap().len(), 1);
+    resume(&run, &[]).expect_code(0);
+    let index = json(&run.join("traces.json"));
+    let before_c = index["traces"][1]["charge_before_c"].as_f64().unwrap();
+    // 3 A for 4 s out of the cell, the gain of the supply, its zero error, and the time that a message takes.
+    assert!((-13.5..-10.5).contains(&before_c), "{before_c}");
     ports.assert_outputs_off();
 }

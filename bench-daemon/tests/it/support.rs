@@ -179,7 +179,12 @@ pub(crate) struct MockProcess {
 
 impl MockProcess {
     /// Starts `eis-bench mock`, which writes a bench file with its addresses to `written`.
-    pub(crate) fn start(bench: &Path, written: &Path, (time, seed): (&str, u64)) -> Self {
+    pub(crate) fn start(bench: &Path, written: &Path, timing: (&str, u64)) -> Self {
+        Self::start_over(bench, written, timing, &[])
+    }
+
+    /// The same with instruments behind other transports than their addresses name.
+    pub(crate) fn start_over(bench: &Path, written: &Path, (time, seed): (&str, u64), over: &[&str]) -> Self {
         let (bench, written, seed) = (bench.as_os_str(), written.as_os_str(), seed.to_string());
         let mut command = command(&[
             "mock".as_ref(),
@@ -192,6 +197,7 @@ impl MockProcess {
             "--seed".as_ref(),
             seed.as_ref(),
         ]);
+        over.iter().for_each(|over| drop(command.args(["--over", over])));
         let mut process = Running(command.stderr(Stdio::inherit()).spawn().unwrap());
         let mut text = String::new();
         BufReader::new(process.0.stdout.as_mut().unwrap()).read_line(&mut text).unwrap();
@@ -224,7 +230,7 @@ impl Ports {
         let thread = std::thread::spawn(move || {
             Clock::runtime(mode).unwrap().block_on(async {
                 let clock = Clock::start(mode);
-                let served = simulation.serve_on_ports(&bench, &clock).await.unwrap();
+                let served = simulation.serve_on_ports(&bench, &[], &clock).await.unwrap();
                 tell.send(served.into_iter().map(|mock| (mock.role, mock.address)).collect()).unwrap();
                 let _ = stopped.await;
             });

@@ -1,6 +1,6 @@
 //! Keysight (Agilent) 33500B: a command tree for each channel, an error queue that tells what was adjusted, an output load that changes every volt.
 
-use super::{Capabilities, Dialect, Sine};
+use super::{Capabilities, Dialect, Sine, Wave};
 use crate::{
     exchange::{Exchange, Expect, Identity},
     instrument::{Model, ms},
@@ -19,6 +19,11 @@ const QUIET_FREQ: Hertz = Hertz(1000.0);
 const FREQ_DIGITS: f64 = 1.0e-6;
 /// Amplitudes have four digits; wider, and the least amplitude would pass for half of it.
 const AMPLITUDE_STEP_V: f64 = 2.5e-4;
+/// Most points of a wave that are sent: a million fit into the memory, but as text they take seven bytes each.
+const WAVE_POINTS: usize = 65_536;
+/// Fewest points of a wave.
+const WAVE_FEWEST: usize = 8;
+const WAVE_FULL_SCALE: f64 = 32_767.0;
 /// A millivolt, 2 mA of a supply of ±20 A.
 const OFFSET_TOLERANCE_V: f64 = 1.0e-3;
 
@@ -85,6 +90,49 @@ impl Dialect for Keysight {
                 1.0e-3 * peak_to_peak_v.abs() + AMPLITUDE_STEP_V,
             ),
             number(format!("{source}:VOLT:OFFS {offset_v:.4}"), &format!("{source}:VOLT:OFFS"), offset_v, OFFSET_TOLERANCE_V),
+        ]
+    }
+
+    fn wave_steps(&self) -> Option<usize> {
+        Some(WAVE_POINTS)
+    }
+
+    /// Converter values as text, so that no byte of them can end the message. Assumed: ± full scale of the converter is ± half the amplitude, and a wave that is
+    /// chosen begins with its first point.
+    fn wave(&self, channel: u8, wave: &Wave) -> Vec<Exchange> {
+        let source = format!("SOUR{channel}");
+        let (count, name) = (wave.steps.len(), &wave.name);
+        if !(WAVE_FEWEST..=WAVE_POINTS).contains(&count) || wave.steps.iter().any(|step| !step.is_finite()) {
+            let reason = format!("expected {WAVE_FEWEST} to {WAVE_POINTS} finite steps, found {count}");
+            return vec![Exchange::Refuse { message: format!("{source}:DATA:ARB:DAC"), reason }];
+        }
+        let (rate_hz, peak_to_peak_v, offset_v) = (wave.freq.value() * count as f64, 2.0 * wave.amplitude.value(), wave.offset.value());
+        let mut data = format!("{source}:DATA:ARB:DAC {name}");
+        for step in &wave.steps {
+            data.push_str(&format!(",{}", (step.clamp(-1.0, 1.0) * WAVE_FULL_SCALE).round() as i16));
+        }
+        let tolerance_v = 1.0e-3 * peak_to_peak_v.abs() + AMPLITUDE_STEP_V;
+        vec![
+            // A name that is there already is refused.
+            Exchange::send(format!("{source}:DATA:VOL:CLE")),
+            Exchange::send(data),
+            Exchange::Set {
+                message: format!("{source}:FUNC:ARB {name}"),
+                read_back: format!("{source}:FUNC:ARB?"),
+                expect: Expect::Contains(name.clone()),
+            },
+            // A step is held until the next, not smoothed.
+            Exchange::word(format!("{source}:FUNC:ARB:FILT OFF"), format!("{source}:FUNC:ARB:FILT?"), &["OFF"]),
+            number(
+                format!("{source}:FUNC:ARB:SRAT {rate_hz:.6}"),
+                &format!("{source}:FUNC:ARB:SRAT"),
+                rate_hz,
+                FREQ_DIGITS * rate_hz + 1.0e-6,
+            ),
+            number(format!("{source}:VOLT:OFFS {offset_v:.4}"), &format!("{source}:VOLT:OFFS"), offset_v, OFFSET_TOLERANCE_V),
+            // The function before the amplitude: else a sine would have it.
+            Exchange::word(format!("{source}:FUNC ARB"), format!("{source}:FUNC?"), &["ARB"]),
+            number(format!("{source}:VOLT {peak_to_peak_v:.4}"), &format!("{source}:VOLT"), peak_to_peak_v, tolerance_v),
         ]
     }
 

@@ -1,12 +1,12 @@
-//! One open stream with its decoder. Knows neither deadlines nor order.
+//! One open channel with its decoder. Knows neither deadlines nor order.
 
-use std::{future::poll_fn, io, pin::Pin, task::Poll};
+use std::{future::poll_fn, io, pin::Pin, task::Poll, time::Duration};
 
-use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt, ReadBuf};
+use tokio::io::{AsyncRead, AsyncReadExt, ReadBuf};
 
 use crate::{
     scpi::decode::{DecodeError, DecoderOptions, Expect, Response, ResponseDecoder},
-    transport::Stream,
+    transport::{Channel, Stream},
 };
 
 /// Bytes asked of the stream at once.
@@ -14,7 +14,10 @@ const CHUNK: usize = 64 << 10;
 /// Unasked bytes after which an instrument is taken to talk without end.
 const MAX_UNASKED: usize = 1 << 20;
 
-/// Why a stream is of no more use.
+/// Bytes of a message that are kept when it is read whole, whatever it is.
+const MOST_KEPT: usize = 4096;
+
+/// Why a channel is of no more use.
 #[derive(Debug)]
 pub(super) enum Broken {
     Closed,
@@ -25,51 +28,100 @@ pub(super) enum Broken {
 
 #[derive(Debug)]
 pub(super) struct Connection {
-    stream: Stream,
+    channel: Channel,
     decoder: ResponseDecoder,
     chunk: Vec<u8>,
     /// An answer came on this connection.
     pub(super) has_answered: bool,
+    /// The end of the answer came, on a channel that carries it.
+    ended: bool,
 }
 
 impl Connection {
-    pub(super) fn new(stream: Stream, options: DecoderOptions) -> Self {
-        Self { stream, decoder: ResponseDecoder::new(options), chunk: vec![0; CHUNK], has_answered: false }
+    pub(super) fn new(channel: Channel, options: DecoderOptions) -> Self {
+        let options = DecoderOptions { has_end_flag: channel.carries_end(), ..options };
+        let chunk = if channel.carries_end() { Vec::new() } else { vec![0; CHUNK] };
+        Self { channel, decoder: ResponseDecoder::new(options), chunk, has_answered: false, ended: true }
     }
 
     pub(super) fn is_serial(&self) -> bool {
-        matches!(self.stream, Stream::Serial(_))
+        matches!(self.channel, Channel::Stream(Stream::Serial(_)))
     }
 
-    /// Hands `bytes` over in one write, since some instruments take every packet for a message.
+    /// The instrument can be made to forget what it was asked, and what was asked on this connection can be told from what will be.
+    pub(super) fn can_be_cleared(&self) -> bool {
+        self.channel.carries_end()
+    }
+
+    /// Hands one message over.
     pub(super) async fn write(&mut self, bytes: &[u8]) -> Result<(), Broken> {
-        self.stream.write_all(bytes).await.map_err(broken)?;
-        self.stream.flush().await.map_err(broken)
+        self.channel.send(bytes).await.map_err(broken)
     }
 
-    /// Waits for one complete answer.
-    pub(super) async fn read(&mut self, expect: Expect) -> Result<Response, Broken> {
+    /// Waits for one complete answer, for which the caller has so much patience.
+    pub(super) async fn read(&mut self, expect: Expect, patience: Duration) -> Result<Response, Broken> {
+        self.ended = false;
         loop {
             if let Some(answer) = self.decoder.pull(expect).map_err(Broken::Garbage)? {
                 self.has_answered = true;
+                // An instrument takes the next message for an interruption while the end of its answer, such as a second NL, has not been fetched.
+                while self.channel.insists_on_end() && !self.ended {
+                    self.read_more(patience).await?;
+                }
                 return Ok(answer);
             }
-            self.read_more().await?;
+            self.read_more(patience).await?;
         }
     }
 
     /// Waits until something arrives.
-    pub(super) async fn read_more(&mut self) -> Result<(), Broken> {
-        let count = self.stream.read(&mut self.chunk).await.map_err(broken)?;
-        if count == 0 {
-            return Err(Broken::Closed);
+    pub(super) async fn read_more(&mut self, patience: Duration) -> Result<(), Broken> {
+        if let Channel::Stream(stream) = &mut self.channel {
+            let count = stream.read(&mut self.chunk).await.map_err(broken)?;
+            if count == 0 {
+                return Err(Broken::Closed);
+            }
+            self.decoder.push(self.chunk.get(..count).unwrap_or_default());
+        } else {
+            let arrival = self.channel.receive(patience).await.map_err(broken)?;
+            self.decoder.push(&arrival.bytes);
+            if arrival.end {
+                self.decoder.end();
+                self.ended = true;
+            }
         }
-        self.decoder.push(self.chunk.get(..count).unwrap_or_default());
         Ok(())
+    }
+
+    /// Device clear. Afterwards nothing that was asked before is answered, as far as the transport can tell.
+    pub(super) async fn clear(&mut self) -> Result<(), Broken> {
+        self.decoder.clear();
+        self.channel.clear().await.map_err(broken)
+    }
+
+    /// The status byte, where the transport has one.
+    pub(super) async fn status_byte(&mut self) -> Result<Option<u8>, Broken> {
+        self.channel.status_byte().await.map_err(broken)
+    }
+
+    /// Waits for the next message, whatever it is, on a channel that carries ends; keeps the start of a long one.
+    pub(super) async fn read_whole(&mut self, patience: Duration) -> Result<Vec<u8>, Broken> {
+        let mut message = Vec::new();
+        loop {
+            let arrival = self.channel.receive(patience).await.map_err(broken)?;
+            let room = MOST_KEPT.saturating_sub(message.len());
+            message.extend_from_slice(arrival.bytes.get(..room).unwrap_or(&arrival.bytes));
+            if arrival.end && !message.is_empty() {
+                return Ok(message);
+            }
+        }
     }
 
     /// Takes out what arrived without being asked for, line ends left out, and does not wait for more.
     pub(super) async fn drain(&mut self) -> Result<Vec<u8>, Broken> {
+        if self.channel.carries_end() {
+            return Ok(self.decoder.take_rest());
+        }
         // Lets the runtime look at its sockets; without it, bytes that are there already would not be seen.
         tokio::task::yield_now().await;
         let mut unasked = self.decoder.take_rest();
@@ -90,9 +142,10 @@ impl Connection {
 
     /// What can be read without waiting; `None` if nothing can.
     async fn read_at_once(&mut self) -> io::Result<Option<usize>> {
+        let Channel::Stream(stream) = &mut self.channel else { return Ok(None) };
         poll_fn(|cx| {
             let mut buffer = ReadBuf::new(&mut self.chunk);
-            Poll::Ready(match Pin::new(&mut self.stream).poll_read(cx, &mut buffer) {
+            Poll::Ready(match Pin::new(&mut *stream).poll_read(cx, &mut buffer) {
                 Poll::Ready(read) => read.map(|()| Some(buffer.filled().len())),
                 Poll::Pending => Ok(None),
             })

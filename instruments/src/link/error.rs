@@ -40,6 +40,16 @@ pub enum LinkError {
         /// Its address.
         address: Address,
     },
+    /// The instrument could not be made to forget what it was asked. The link is dropped.
+    #[error("{link}: expected {expected} after a device clear, found {found}")]
+    NotCleared {
+        /// The instrument.
+        link: String,
+        /// What was expected.
+        expected: String,
+        /// What came.
+        found: String,
+    },
     /// The message holds what would end it or is no text an instrument reads; nothing was sent.
     #[error("{link}: expected a message of printable ASCII, found `{message}`; nothing was sent")]
     Unsendable {

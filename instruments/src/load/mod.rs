@@ -1,4 +1,4 @@
-//! The DC load that discharges the cell at constant current.
+//! The DC load that discharges the cell at constant current or constant power.
 
 mod rigol_dl3000;
 mod siglent_sdl;
@@ -7,14 +7,23 @@ use crate::{
     exchange::{Answer, Exchange, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
-    units::{Amps, Volts},
+    units::{Amps, Volts, Watts},
 };
+
+/// What a load draws.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Draw {
+    /// Constant current.
+    Current(Amps),
+    /// Constant power at its terminals.
+    Power(Watts),
+}
 
 /// A discharge as it is programmed into the instrument.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Discharge {
-    /// Current drawn.
-    pub current: Amps,
+    /// What is drawn; of levels that change, the greatest.
+    pub draw: Draw,
     /// The instrument itself stops sinking below this.
     pub stop_below: Volts,
 }
@@ -34,8 +43,10 @@ pub trait Dialect: Model {
     fn capabilities(&self) -> Capabilities;
     /// Switches the input.
     fn input(&self, on: bool) -> Vec<Exchange>;
-    /// Constant current with its limits; assumes the input is off.
+    /// Constant current or power with its limits; assumes the input is off.
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange>;
+    /// Another level of the function that was prepared, within its range; the input stays as it is.
+    fn level(&self, draw: Draw) -> Vec<Exchange>;
     /// The finest range for a cell's voltage; assumes the input is off.
     fn watch(&self) -> Vec<Exchange>;
     /// Queries for voltage and current.
@@ -54,13 +65,21 @@ impl Instrument<dyn Dialect> {
         self.dialect.capabilities()
     }
 
-    /// Input off, then constant current with the limits read back.
+    /// Input off, then constant current or power with the limits read back.
     ///
     /// # Errors
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, discharge: &Discharge) -> Result<(), LinkError> {
         play(&mut self.link, &self.dialect.input(false)).await?;
         play(&mut self.link, &self.dialect.prepare(discharge)).await
+    }
+
+    /// Another level, read back, whether the input is on or off.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub async fn level(&mut self, draw: Draw) -> Result<(), LinkError> {
+        play(&mut self.link, &self.dialect.level(draw)).await
     }
 
     /// Makes it a voltmeter for a cell; the input stays off.

@@ -1,6 +1,6 @@
 //! Rigol DL3021/DL3031: the function is set as `CURR` and answered as `CC`; some firmware ends an answer with two line ends.
 
-use super::{Capabilities, Dialect, Discharge};
+use super::{Capabilities, Dialect, Discharge, Draw};
 use crate::{
     exchange::{Exchange, Identity},
     instrument::{Model, ms},
@@ -10,6 +10,9 @@ use crate::{
 
 /// Rigol DL3021(A); the DL3031(A) is used as far as the smaller one reaches.
 pub(super) const DL3000: Dl3000 = Dl3000;
+
+/// So far above the level its own limit of the current is set, A.
+const ILIM_MARGIN_A: f64 = 1.0;
 
 pub(super) struct Dl3000;
 
@@ -42,19 +45,31 @@ impl Dialect for Dl3000 {
     }
 
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange> {
-        let current = discharge.current.value();
-        let (range, range_value) = if current <= 4.0 { ("4", 4.0) } else { ("40", 40.0) };
         let [volts, sense] = voltmeter();
-        vec![
-            Exchange::word(":SOUR:FUNC:MODE FIX", ":SOUR:FUNC:MODE?", &["FIX", "FIXED"]),
-            Exchange::word(":SOUR:FUNC CURR", ":SOUR:FUNC?", &["CC"]),
-            Exchange::number(format!(":SOUR:CURR:RANG {range}"), ":SOUR:CURR:RANG?", range_value, 0.1),
-            volts,
-            sense,
-            Exchange::fixed(":SOUR:CURR:LEV:IMM", current, (4, 2.0e-3)),
-            // It sinks nothing below this voltage: a second guard beside the daemon.
-            Exchange::fixed(":SOUR:CURR:VON", discharge.stop_below.value(), (3, 5.0e-3)),
-        ]
+        let mut script = vec![Exchange::word(":SOUR:FUNC:MODE FIX", ":SOUR:FUNC:MODE?", &["FIX", "FIXED"])];
+        match discharge.draw {
+            Draw::Current(current) => {
+                // The DL3021 has the ranges 4 A and 40 A, the DL3031 6 A and 60 A: it takes the one that holds the value, and answers its own.
+                let (range, ranges) = if current.value() <= 4.0 { ("4", (5.0, 1.1)) } else { ("40", (50.0, 10.5)) };
+                script.push(Exchange::word(":SOUR:FUNC CURR", ":SOUR:FUNC?", &["CC"]));
+                script.push(Exchange::number(format!(":SOUR:CURR:RANG {range}"), ":SOUR:CURR:RANG?", ranges.0, ranges.1));
+                // Left low by an earlier user, it would hold the discharge back.
+                script.push(Exchange::fixed(":SOUR:CURR:ILIM", current.value() + ILIM_MARGIN_A, (3, 5.0e-3)));
+            }
+            Draw::Power(_) => script.push(Exchange::word(":SOUR:FUNC POW", ":SOUR:FUNC?", &["CP"])),
+        }
+        script.extend([volts, sense]);
+        script.extend(self.level(discharge.draw));
+        // It sinks nothing below this voltage: a second guard beside the daemon. Assumed of constant power, whose own is not in the sources.
+        script.push(Exchange::fixed(":SOUR:CURR:VON", discharge.stop_below.value(), (3, 5.0e-3)));
+        script
+    }
+
+    fn level(&self, draw: Draw) -> Vec<Exchange> {
+        vec![match draw {
+            Draw::Current(current) => Exchange::fixed(":SOUR:CURR:LEV:IMM", current.value(), (4, 2.0e-3)),
+            Draw::Power(power) => Exchange::fixed(":SOUR:POW:LEV:IMM", power.value(), (3, 1.0e-2)),
+        }]
     }
 
     fn watch(&self) -> Vec<Exchange> {

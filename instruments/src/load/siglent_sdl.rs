@@ -1,6 +1,6 @@
 //! Siglent SDL1000X: no error queue, so every setting is read back. The set words and the answers of `FUNC` differ.
 
-use super::{Capabilities, Dialect, Discharge};
+use super::{Capabilities, Dialect, Discharge, Draw};
 use crate::{
     exchange::{Exchange, Identity},
     instrument::{Model, ms},
@@ -42,24 +42,43 @@ impl Dialect for Sdl {
     }
 
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange> {
-        let current = discharge.current.value();
-        // The 5 A range is the finer one; any greater value selects 30 A.
-        let (range, range_value) = if current <= 5.0 { ("5", 5.0) } else { ("30", 30.0) };
         let stop = discharge.stop_below.value();
-        let protection = (100.0 * (PROTECTION.0 * current + PROTECTION.1)).round() / 100.0;
-        vec![
-            Exchange::word(":FUNC CURRent", ":FUNC?", &["CURRENT"]),
-            Exchange::number(format!(":CURR:IRANG {range}"), ":CURR:IRANG?", range_value, 0.1),
-            // Above 36 V there is no cell, and the coarse range reads ten times worse.
-            Exchange::number(":CURR:VRANG 36", ":CURR:VRANG?", 36.0, 0.1),
-            Exchange::fixed(":CURR:LEV:IMM", current, (4, 2.0e-3)),
-            // With the latch off the input opens by itself when the cell falls below this voltage: a second guard beside the daemon.
-            Exchange::switch(":VOLT:LATC", false),
-            Exchange::fixed(":VOLT:LEV:ON", stop, (3, 5.0e-3)),
-            // And a third one above the current that is asked for.
-            Exchange::fixed(":CURR:PROT:LEV", protection.min(MAX_CURRENT.value()), (4, 5.0e-3)),
-            Exchange::switch(":CURR:PROT:STAT", true),
-        ]
+        let mut script = match discharge.draw {
+            Draw::Current(current) => {
+                // The 5 A range is the finer one; any greater value selects 30 A.
+                let (range, range_value) = if current.value() <= 5.0 { ("5", 5.0) } else { ("30", 30.0) };
+                vec![
+                    Exchange::word(":FUNC CURRent", ":FUNC?", &["CURRENT"]),
+                    Exchange::number(format!(":CURR:IRANG {range}"), ":CURR:IRANG?", range_value, 0.1),
+                    // Above 36 V there is no cell, and the coarse range reads ten times worse.
+                    Exchange::number(":CURR:VRANG 36", ":CURR:VRANG?", 36.0, 0.1),
+                ]
+            }
+            Draw::Power(_) => vec![
+                Exchange::word(":FUNC POWer", ":FUNC?", &["POWER"]),
+                Exchange::number(":POW:IRANG 30", ":POW:IRANG?", 30.0, 0.1),
+                Exchange::number(":POW:VRANG 36", ":POW:VRANG?", 36.0, 0.1),
+            ],
+        };
+        script.extend(self.level(discharge.draw));
+        // With the latch off the input opens by itself when the cell falls below this voltage: a second guard beside the daemon.
+        script.push(Exchange::switch(":VOLT:LATC", false));
+        script.push(Exchange::fixed(":VOLT:LEV:ON", stop, (3, 5.0e-3)));
+        // And a third one above the current that is asked for; that of an earlier discharge must not cut off a power.
+        let protection = match discharge.draw {
+            Draw::Current(current) => (100.0 * (PROTECTION.0 * current.value() + PROTECTION.1)).round() / 100.0,
+            Draw::Power(_) => MAX_CURRENT.value(),
+        };
+        script.push(Exchange::fixed(":CURR:PROT:LEV", protection.min(MAX_CURRENT.value()), (4, 5.0e-3)));
+        script.push(Exchange::switch(":CURR:PROT:STAT", true));
+        script
+    }
+
+    fn level(&self, draw: Draw) -> Vec<Exchange> {
+        vec![match draw {
+            Draw::Current(current) => Exchange::fixed(":CURR:LEV:IMM", current.value(), (4, 2.0e-3)),
+            Draw::Power(power) => Exchange::fixed(":POW:LEV:IMM", power.value(), (3, 1.0e-2)),
+        }]
     }
 
     fn watch(&self) -> Vec<Exchange> {

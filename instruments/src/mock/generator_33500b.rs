@@ -2,8 +2,13 @@
 //! was adjusted.
 //!
 //! Voltages are kept as the open-circuit voltage behind 50 Ω; `OUTPut:LOAD` only changes how they are reported and understood. Only channel 1 is wired to
-//! the bench, and only a sine and a constant voltage are simulated. Burst, sweep and modulation are off and stay off. Assumed: an amplitude or offset
-//! that leaves the range is adjusted to it with −221; the phase starts anew when the frequency, the phase, the function or the output changes.
+//! the bench, and only a sine, a constant voltage and loaded waves are simulated. Burst, sweep and modulation are off and stay off. Assumed: an amplitude or
+//! offset that leaves the range is adjusted to it with −221; the phase starts anew when the frequency, the sample rate, the phase, the function or the output
+//! changes; a wave is held from point to point whatever its filter, and ±32767 of the converter is ± half the amplitude. Waves are taken as text, not as blocks.
+
+mod waves;
+
+use std::{collections::BTreeMap, sync::Arc};
 
 use scpi::{
     Branch, Leaf, Root,
@@ -28,11 +33,16 @@ const MAX_VOLTS: f64 = 10.0;
 /// Least amplitude into an open circuit, V peak to peak.
 const MIN_VPP: f64 = 2e-3;
 const FREQ_RANGE_HZ: (f64, f64) = (1e-6, 30e6);
-const FUNCTIONS: [&str; 2] = ["SINusoid", "DC"];
+const FUNCTIONS: [&str; 3] = ["SINusoid", "DC", "ARB"];
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Channel {
     constant: bool,
+    /// Plays the chosen wave.
+    arbitrary: bool,
+    /// Samples of a wave per second.
+    rate_hz: f64,
+    filter: &'static str,
     freq_hz: f64,
     /// Open-circuit amplitude, V peak to peak.
     amplitude_vpp: f64,
@@ -50,6 +60,9 @@ impl Default for Channel {
     fn default() -> Self {
         Self {
             constant: false,
+            arbitrary: false,
+            rate_hz: 40e3,
+            filter: "NORMal",
             freq_hz: 1000.0,
             // 100 mV peak to peak into 50 Ω.
             amplitude_vpp: 0.2,
@@ -85,10 +98,13 @@ impl Channel {
     }
 
     fn restarts_from(&self, old: &Self) -> bool {
-        (self.constant, self.freq_hz, self.phase_deg, self.output_on) != (old.constant, old.freq_hz, old.phase_deg, old.output_on)
+        let key =
+            |channel: &Self| (channel.constant, channel.arbitrary, channel.rate_hz, channel.freq_hz, channel.phase_deg, channel.output_on);
+        key(self) != key(old)
     }
 
-    fn state(&self) -> GeneratorState {
+    /// `points`: those of the chosen wave.
+    fn state(&self, points: usize) -> GeneratorState {
         if !self.output_on {
             return GeneratorState::default();
         }
@@ -100,7 +116,7 @@ impl Channel {
         GeneratorState {
             offset_v,
             amplitude_v: self.amplitude_vpp / 2.0,
-            freq_hz: self.freq_hz,
+            freq_hz: if self.arbitrary { self.rate_hz / points.max(1) as f64 } else { self.freq_hz },
             phase_rad: self.phase_deg.to_radians() + turned,
             since_s: self.since_s,
         }
@@ -113,18 +129,41 @@ pub(super) struct Keysight {
     status: Status,
     serial_number: String,
     channels: [Channel; 2],
+    /// Loaded waves by name, of each channel.
+    waves: [BTreeMap<String, Arc<[f64]>>; 2],
+    /// The wave that each channel has chosen.
+    chosen: [Option<String>; 2],
 }
 
 impl Keysight {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let (status, serial_number) = (Status::new(QUEUE_DEPTH), options.serial_number.clone());
-        let generator = Self { world: World::new(plant, options.since_s), status, serial_number, channels: [Channel::default(); 2] };
+        let generator = Self {
+            world: World::new(plant, options.since_s),
+            status,
+            serial_number,
+            channels: [Channel::default(); 2],
+            waves: Default::default(),
+            chosen: [None, None],
+        };
         generator.act();
         generator
     }
 
     fn act(&self) {
-        self.world.act(Action::Generator(self.channels[0].state()));
+        let points = self.wave(0).map_or(0, |wave| wave.len());
+        self.world.act(Action::Generator(self.channels[0].state(points)));
+    }
+
+    /// The wave that a channel has chosen.
+    fn wave(&self, index: usize) -> Option<&Arc<[f64]>> {
+        self.chosen[index].as_ref().and_then(|name| self.waves[index].get(name))
+    }
+
+    /// Tells the world the shape of channel 1.
+    fn reshape(&self) {
+        let wave = self.wave(0).filter(|_| self.channels[0].arbitrary);
+        self.world.plant().shape(self.world.now_s, wave.cloned());
     }
 
     fn change(&mut self, index: usize, change: impl FnOnce(&mut Channel)) {
@@ -134,13 +173,19 @@ impl Keysight {
             self.channels[index].since_s = self.world.now_s;
         }
         if index == 0 && self.channels[0] != old {
+            if self.channels[0].arbitrary || old.arbitrary {
+                self.reshape();
+            }
             self.act();
         }
     }
 
     fn set_function(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        let constant = arguments.word(&FUNCTIONS)? == "DC";
-        self.change(index, |channel| channel.constant = constant);
+        let function = arguments.word(&FUNCTIONS)?;
+        if function == "ARB" && self.wave(index).is_none() {
+            return fail(ErrorCode::SettingsConflict);
+        }
+        self.change(index, |channel| (channel.constant, channel.arbitrary) = (function == "DC", function == "ARB"));
         Ok(())
     }
 
@@ -189,7 +234,7 @@ impl Keysight {
 
     /// `APPLy:SINusoid [freq[,amplitude[,offset]]]`, which also switches the output on.
     fn apply(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        self.change(index, |channel| channel.constant = false);
+        self.change(index, |channel| (channel.constant, channel.arbitrary) = (false, false));
         if !arguments.is_empty() {
             self.set_frequency(index, arguments)?;
         }
@@ -243,6 +288,9 @@ impl Keysight {
 
     fn reset(&mut self, _: &mut Arguments) -> Fallible {
         self.channels = [Channel { since_s: self.world.now_s, ..Channel::default() }; 2];
+        self.waves = Default::default();
+        self.chosen = [None, None];
+        self.reshape();
         self.act();
         Ok(())
     }
@@ -273,10 +321,31 @@ macro_rules! modifier {
 macro_rules! source {
     ($name:literal, $index:literal) => {
         Branch! {$name;
-            Leaf! {b"FUNCtion" => &both(
+            Branch! {b"FUNCtion" => &both(
                 |device: &mut Keysight, arguments| device.set_function($index, arguments),
-                |device, _| text(if device.channels[$index].constant { "DC" } else { "SIN" }),
-            )},
+                |device, _| text(match &device.channels[$index] {
+                    Channel { constant: true, .. } => "DC",
+                    Channel { arbitrary: true, .. } => "ARB",
+                    _ => "SIN",
+                }),
+            );
+                Branch! {b"ARBitrary" => &both(
+                    |device: &mut Keysight, arguments| device.choose_wave($index, arguments),
+                    |device, _| text(format!("\"{}\"", device.chosen[$index].as_deref().unwrap_or("EXP_RISE"))),
+                );
+                    Leaf! {b"SRATe" => &both(
+                        |device: &mut Keysight, arguments| device.set_rate($index, arguments),
+                        |device, _| number(device.channels[$index].rate_hz),
+                    )},
+                    Leaf! {b"FILTer" => &both(
+                        |device: &mut Keysight, arguments| device.set_filter($index, arguments),
+                        |device, _| text(device.channels[$index].filter.trim_end_matches(char::is_lowercase)),
+                    )}
+                }
+            },
+            Branch! {b"DATA"; Branch! {b"VOLatile";
+                Leaf! {b"CLEar" => &set(|device: &mut Keysight, arguments| device.clear_waves($index, arguments))}
+            }},
             Leaf! {b"FREQuency" => &both(
                 |device: &mut Keysight, arguments| device.set_frequency($index, arguments),
                 |device, _| number(device.channels[$index].freq_hz),
@@ -365,6 +434,9 @@ impl Device for Keysight {
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
         self.world.now_s = now_s;
+        if self.load_wave(message) {
+            return Vec::new();
+        }
         exchange(&TREE, self, message)
     }
 }

@@ -85,6 +85,8 @@ pub enum Action {
     Supply(SupplyState),
     /// The chiller.
     Chiller(ChillerState),
+    /// Heater and cooler of a bath whose loop is closed elsewhere.
+    Bath(BathState),
 }
 
 /// A sine plus an offset; all zero when the output is off.
@@ -120,13 +122,15 @@ pub struct BipolarState {
     pub off_is_open: bool,
 }
 
-/// State of a DC load in constant current.
+/// State of a DC load in constant current or in constant power.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LoadState {
     /// The input is on.
     pub input_on: bool,
     /// Current that it draws from the cell, A, positive.
     pub current_a: f64,
+    /// In the place of a current, power that it draws at its terminals, W, positive.
+    pub power_w: Option<f64>,
     /// It sinks nothing while its terminals are below this, V.
     pub min_voltage_v: f64,
 }
@@ -149,6 +153,15 @@ pub struct ChillerState {
     pub running: bool,
     /// Set-point, °C.
     pub setpoint_c: f64,
+}
+
+/// Heater and cooler of a bath without a set-point.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct BathState {
+    /// 1: the heater is on, −1: the cooler, 0: neither.
+    pub power: f64,
+    /// It drops by itself at this bench time, s.
+    pub until_s: f64,
 }
 
 /// A meter somewhere on the bench.

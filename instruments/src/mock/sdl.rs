@@ -1,7 +1,7 @@
 //! Siglent SDL1000X DC electronic load. `[:SOURce]` is optional; there is no error queue, so that a refused command leaves no trace but its
 //! read-back, and an unknown query is met with silence.
 //!
-//! Only constant current draws from the cell; the other functions can be chosen and read back, but their input draws nothing. Transient, battery,
+//! Only constant current and constant power draw from the cell; the other functions can be chosen and read back, but their input draws nothing. Transient, battery,
 //! list and program modes are absent. Assumed: out-of-range values are clamped; over-current protection acts when its delay has passed and the load
 //! is next spoken to.
 
@@ -83,6 +83,7 @@ impl Sdl {
         self.world.act(Action::Load(LoadState {
             input_on: settings.input_on,
             current_a: if draws { settings.levels[0] } else { 0.0 },
+            power_w: (settings.function == "POWer").then_some(settings.levels[2]),
             min_voltage_v: if settings.started { 0.0 } else { settings.start_volts },
         }));
     }

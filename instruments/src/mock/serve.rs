@@ -1,17 +1,33 @@
-//! Puts a simulated instrument on a port: in process, TCP or a pseudo terminal.
+//! Puts a simulated instrument on a port: in process, TCP, a pseudo terminal, VXI-11, HiSLIP, a GPIB adapter, or in the place of a USBTMC device.
 //!
-//! One client at a time, as the instruments have it: the next one waits until the first has gone. The instrument keeps its settings from one
-//! client to the next. Everything runs on the caller's runtime, without threads, so that in virtual time in-process streams stay exact.
+//! One client at a time, as the instruments have it: on a stream the next one waits until the first has gone, or is refused where a quirk says so,
+//! elsewhere it is refused. The instrument
+//! keeps its settings from one client to the next. Everything runs on the caller's runtime, without threads, so that in virtual time in-process
+//! streams stay exact.
 
-use std::{io, net::SocketAddr};
+mod answer;
+mod backplane;
+mod gpib;
+mod hislip;
+mod usbtmc;
+mod vxi11;
+
+use std::{future::Future, io, net::SocketAddr};
+
+pub use gpib::{serve_gpib, serve_gpib_pty};
+pub use hislip::serve_hislip;
+pub use usbtmc::serve_usbtmc;
+pub use vxi11::{Vxi11Ports, serve_vxi11};
 
 use tokio::{
     io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt},
     net::{TcpListener, TcpStream, ToSocketAddrs},
-    task::JoinHandle,
+    task::{JoinHandle, JoinSet},
 };
 
-use super::{Device, Fault, Trouble};
+use answer::{Step, Then, answer};
+
+use super::Device;
 use crate::{
     clock::Clock,
     scpi::decode::ProgramFramer,
@@ -28,6 +44,7 @@ const READ_BYTES: usize = 4096;
 /// What the transport says when reading or writing fails.
 pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWrite + Unpin + Send, clock: &Clock) -> io::Result<()> {
     let mut framer = ProgramFramer::new(device.terminator(), LONGEST_MESSAGE);
+    device.connected(clock.now_s());
     let mut buffer = [0_u8; READ_BYTES];
     loop {
         let count = stream.read(&mut buffer).await?;
@@ -41,78 +58,23 @@ pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWr
                     continue;
                 }
             };
-            let now_s = clock.now_s();
-            let trouble = device.trouble(now_s, &message);
-            let reply = match trouble {
-                // The power is back before anybody asks again, and what was asked is forgotten.
-                Some(Trouble { fault: Fault::LoseMessage | Fault::PowerCycle, .. }) => Vec::new(),
-                _ => device.handle(now_s, &message),
-            };
-            if !reply.is_empty() {
-                clock.sleep_s(device.late_s(now_s)).await;
-            }
-            match trouble {
-                None => answer(&mut stream, &reply).await?,
-                Some(trouble) => {
-                    if !answer_badly(&mut stream, reply, (trouble, &message), clock).await? {
-                        return Ok(());
+            let (steps, then) = answer(device, clock.now_s(), &message);
+            for step in steps {
+                match step {
+                    Step::Wait(seconds) => clock.sleep_s(seconds).await,
+                    Step::Put { bytes, .. } => {
+                        stream.write_all(&bytes).await?;
+                        stream.flush().await?;
                     }
                 }
             }
-        }
-    }
-}
-
-async fn answer(stream: &mut (impl AsyncWrite + Unpin), reply: &[u8]) -> io::Result<()> {
-    stream.write_all(reply).await?;
-    stream.flush().await
-}
-
-/// A late answer that is still in time, one that is not for most links, and a silence that outlasts every one, s.
-const LATE_S: f64 = 1.0;
-const TOO_LATE_S: f64 = 4.0;
-const STALL_S: f64 = 12.0;
-/// Pause between two pieces of an answer, s.
-const PIECE_S: f64 = 0.05;
-
-/// Sends an answer, or what is left of it; false when the connection is gone.
-async fn answer_badly(
-    stream: &mut (impl AsyncWrite + Unpin),
-    mut reply: Vec<u8>,
-    (Trouble { fault, share }, message): (Trouble, &[u8]),
-    clock: &Clock,
-) -> io::Result<bool> {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "an index")]
-    let place = (share * reply.len() as f64) as usize;
-    match fault {
-        Fault::LoseMessage | Fault::LoseReply => return Ok(true),
-        Fault::PowerCycle | Fault::Reset => return Ok(false),
-        Fault::Delay => clock.sleep_s(share * LATE_S).await,
-        Fault::TooLate => clock.sleep_s(TOO_LATE_S).await,
-        Fault::Stall => clock.sleep_s(STALL_S).await,
-        Fault::Duplicate => reply.extend_from_within(..),
-        Fault::Garble => {
-            if let Some(byte) = reply.get_mut(place) {
-                *byte ^= message.first().map_or(1, |first| first & 0x1f) | 1;
+            match then {
+                Then::Stay => {}
+                Then::StopSending => stream.shutdown().await?,
+                Then::HangUp => return Ok(()),
             }
         }
-        Fault::Truncate => reply.truncate(place),
-        Fault::Split => {
-            let (first, second) = reply.split_at(place);
-            answer(stream, first).await?;
-            clock.sleep_s(PIECE_S).await;
-            answer(stream, second).await?;
-            return Ok(true);
-        }
-        Fault::HalfClose => {
-            answer(stream, &reply).await?;
-            stream.shutdown().await?;
-            return Ok(true);
-        }
-        Fault::Overflow | Fault::OutputOff => {}
     }
-    answer(stream, &reply).await?;
-    Ok(true)
 }
 
 /// Serves under `name` inside this process until the task is aborted or the hub is gone. The name is taken when this returns.
@@ -126,7 +88,17 @@ pub fn serve_memory(device: Box<dyn Device>, hub: &MemoryHub, name: &str, clock:
 
 async fn accept_memory(mut device: Box<dyn Device>, mut listener: MemoryListener, clock: Clock) {
     while let Some(stream) = listener.accept().await {
-        finish(serve(device.as_mut(), stream, &clock).await);
+        let mut refuses = device.refuses_second();
+        let served = serve(device.as_mut(), stream, &clock);
+        tokio::pin!(served);
+        let outcome = loop {
+            tokio::select! {
+                outcome = &mut served => break outcome,
+                // Dropped at once: the connection is closed from this side.
+                second = listener.accept(), if refuses => refuses = second.is_some(),
+            }
+        };
+        finish(outcome);
     }
 }
 
@@ -142,11 +114,27 @@ pub async fn serve_tcp(device: Box<dyn Device>, address: impl ToSocketAddrs, clo
 
 async fn accept_tcp(mut device: Box<dyn Device>, listener: TcpListener, clock: Clock) {
     loop {
-        match listener.accept().await {
-            Ok((stream, peer)) => {
-                tracing::debug!(%peer, "client came");
-                finish(serve_socket(device.as_mut(), stream, &clock).await);
+        let stream = accept(&listener, &clock).await;
+        let refuses = device.refuses_second();
+        let served = serve(device.as_mut(), stream, &clock);
+        tokio::pin!(served);
+        let outcome = loop {
+            tokio::select! {
+                outcome = &mut served => break outcome,
+                // Dropped at once: the connection is closed from this side.
+                _ = accept(&listener, &clock), if refuses => {}
             }
+        };
+        finish(outcome);
+    }
+}
+
+/// Waits for the next client.
+async fn accept(listener: &TcpListener, clock: &Clock) -> TcpStream {
+    loop {
+        // Every answer is one small packet that somebody waits for.
+        match listener.accept().await.and_then(|(stream, _)| stream.set_nodelay(true).map(|()| stream)) {
+            Ok(stream) => return stream,
             // Such as too many open files: the next attempt may succeed, and must not spin.
             Err(error) => {
                 tracing::warn!(%error, "cannot accept a client");
@@ -156,10 +144,22 @@ async fn accept_tcp(mut device: Box<dyn Device>, listener: TcpListener, clock: C
     }
 }
 
-async fn serve_socket(device: &mut dyn Device, stream: TcpStream, clock: &Clock) -> io::Result<()> {
-    // Every answer is one small packet that somebody waits for.
-    stream.set_nodelay(true)?;
-    serve(device, stream, clock).await
+/// Serves every client in a task of its own; the tasks end with this one.
+async fn accept_all<F: Future<Output = io::Result<()>> + Send + 'static>(
+    listener: TcpListener,
+    clock: Clock,
+    mut client: impl FnMut(TcpStream) -> F + Send + 'static,
+) {
+    let mut clients = JoinSet::new();
+    loop {
+        tokio::select! {
+            stream = accept(&listener, &clock) => {
+                let client = client(stream);
+                clients.spawn(async move { finish(client.await) });
+            }
+            Some(_) = clients.join_next() => {}
+        }
+    }
 }
 
 /// Serves on a new pseudo terminal until the task is aborted; gives the path that a client opens like a serial port.

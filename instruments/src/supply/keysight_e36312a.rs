@@ -69,6 +69,10 @@ impl Dialect for Keysight {
         ]
     }
 
+    fn level(&self, current: Amps) -> Vec<Exchange> {
+        vec![number("CURR", current.value())]
+    }
+
     fn measure(&self) -> [&'static str; 2] {
         ["MEAS:VOLT? (@1)", "MEAS:CURR? (@1)"]
     }

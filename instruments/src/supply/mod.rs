@@ -37,6 +37,8 @@ pub trait Dialect: Model {
     fn output(&self, on: bool) -> Vec<Exchange>;
     /// Voltage and current limit; assumes the output is off.
     fn prepare(&self, charge: &Charge) -> Vec<Exchange>;
+    /// Another current limit; the output stays as it is.
+    fn level(&self, current: Amps) -> Vec<Exchange>;
     /// Queries for voltage and current.
     fn measure(&self) -> [&'static str; 2];
 }
@@ -61,6 +63,14 @@ impl Instrument<dyn Dialect> {
         forget_errors(&mut self.link).await?;
         play(&mut self.link, &self.dialect.output(false)).await?;
         play(&mut self.link, &self.dialect.prepare(charge)).await
+    }
+
+    /// Another current limit, read back, whether the output is on or off.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub async fn level(&mut self, current: Amps) -> Result<(), LinkError> {
+        play(&mut self.link, &self.dialect.level(current)).await
     }
 
     /// Output on.

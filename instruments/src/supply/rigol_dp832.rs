@@ -62,6 +62,10 @@ impl Dialect for Dp832 {
         ]
     }
 
+    fn level(&self, current: Amps) -> Vec<Exchange> {
+        vec![Exchange::fixed(":SOUR1:CURR", current.value(), (3, READ_BACK))]
+    }
+
     fn measure(&self) -> [&'static str; 2] {
         [":MEAS:VOLT? CH1", ":MEAS:CURR? CH1"]
     }

@@ -48,17 +48,21 @@ impl Dialect for Spd {
     }
 
     fn prepare(&self, charge: &Charge) -> Vec<Exchange> {
-        let (voltage, current) = (charge.voltage.value(), charge.current.value());
-        vec![
+        let mut script = vec![
             // In parallel the channel would deliver twice the current.
             Exchange::Set {
                 message: "OUTP:TRACK 0".to_owned(),
                 read_back: "SYST:STAT?".to_owned(),
                 expect: Expect::Bits { mask: TRACKING.0, bits: TRACKING.1 },
             },
-            Exchange::fixed("CH1:VOLT", voltage, (3, 2.0e-3)),
-            Exchange::fixed("CH1:CURR", current, (3, 2.0e-3)),
-        ]
+            Exchange::fixed("CH1:VOLT", charge.voltage.value(), (3, 2.0e-3)),
+        ];
+        script.extend(self.level(charge.current));
+        script
+    }
+
+    fn level(&self, current: Amps) -> Vec<Exchange> {
+        vec![Exchange::fixed("CH1:CURR", current.value(), (3, 2.0e-3))]
     }
 
     fn measure(&self) -> [&'static str; 2] {

@@ -1,21 +1,61 @@
-//! Addresses as text: `tcp://host:port`, `serial:/dev/ttyUSB0?baud=4800&parity=even&data=7&stop=1&flow=rtscts`, `memory:name`. What is written is read
-//! back to the same address.
+//! Addresses as text; what is written is read back to the same address.
+//!
+//! | text | what it is |
+//! |---|---|
+//! | `tcp://HOST:PORT` | a raw socket |
+//! | `serial:/dev/ttyUSB0?baud=4800&parity=even&data=7&stop=1&flow=rtscts` | a serial port |
+//! | `vxi11:HOST/inst0`, `vxi11:HOST/inst0?portmapper=PORT`, `vxi11:HOST:PORT/inst0` | VXI-11; the port mapper is asked for the port, or the port is known |
+//! | `hislip:HOST/hislip0`, `hislip:HOST:PORT/hislip0` | HiSLIP |
+//! | `usbtmc:/dev/usbtmc0` | USBTMC |
+//! | `gpib:tcp:HOST:1234/ADDRESS`, `gpib:serial:/dev/ttyUSB0/ADDRESS?baud=…` | GPIB behind an adapter of Prologix' kind |
+//! | `memory:NAME` | a pipe inside this process |
+
+mod serial;
+#[cfg(test)]
+mod tests;
 
 use std::{fmt, str::FromStr};
+
+pub use serial::{DataBits, Flow, Parity, SerialSettings, StopBits};
+
+use crate::wire::{hislip, prologix, rpc};
 
 /// Where an instrument is.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Address {
     /// A raw TCP socket.
-    Tcp {
-        /// A host name, an IPv4 address, or an IPv6 address in brackets.
-        host: String,
-        /// The port, not zero.
-        port: u16,
-    },
+    Tcp(Socket),
     /// A serial port.
     Serial(SerialSettings),
+    /// A VXI-11 device.
+    Vxi11 {
+        /// A host name, an IPv4 address, or an IPv6 address in brackets.
+        host: String,
+        /// How its port is found.
+        port: Vxi11Port,
+        /// The device's name there, such as `inst0`.
+        device: String,
+    },
+    /// A HiSLIP device.
+    HiSlip {
+        /// Host and port.
+        socket: Socket,
+        /// The device's name there, such as `hislip0`.
+        device: String,
+    },
+    /// A USBTMC device.
+    UsbTmc {
+        /// The device's file, such as `/dev/usbtmc0`.
+        path: String,
+    },
+    /// An instrument on a GPIB bus.
+    Gpib {
+        /// The adapter.
+        adapter: Adapter,
+        /// Its primary address, 0 to 30.
+        address: u8,
+    },
     /// A pipe inside this process.
     Memory {
         /// The name under which a mock listens: letters, digits, `.`, `_` and `-`.
@@ -23,106 +63,56 @@ pub enum Address {
     },
 }
 
-/// A serial port and how it is set.
+/// A TCP port.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub struct SerialSettings {
-    /// The device's file.
-    pub path: String,
-    /// Bits per second.
-    pub baud: u32,
-    /// The parity bit.
-    pub parity: Parity,
-    /// Bits per character.
-    pub data_bits: DataBits,
-    /// Stop bits.
-    pub stop_bits: StopBits,
-    /// How the two ends slow each other down.
-    pub flow: Flow,
+pub struct Socket {
+    /// A host name, an IPv4 address, or an IPv6 address in brackets.
+    pub host: String,
+    /// The port, not zero.
+    pub port: u16,
 }
 
-impl SerialSettings {
-    /// `path` at 9600 baud, 8 data bits, no parity, one stop bit, no flow control.
-    pub fn new(path: &str) -> Self {
-        Self {
-            path: path.to_owned(),
-            baud: 9600,
-            parity: Parity::None,
-            data_bits: DataBits::Eight,
-            stop_bits: StopBits::One,
-            flow: Flow::None,
+impl fmt::Display for Socket {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}", self.host, self.port)
+    }
+}
+
+/// How the core channel of a VXI-11 device is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Vxi11Port {
+    /// The port mapper at this port knows; 111 by the standard.
+    Mapped(u16),
+    /// It is at this port.
+    Fixed(u16),
+}
+
+/// Where a GPIB adapter is.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub enum Adapter {
+    /// On the network.
+    Tcp(Socket),
+    /// On a serial port.
+    Serial(SerialSettings),
+}
+
+impl Address {
+    /// The host, where there is one.
+    pub fn host(&self) -> Option<&str> {
+        match self {
+            Self::Tcp(socket) | Self::HiSlip { socket, .. } | Self::Gpib { adapter: Adapter::Tcp(socket), .. } => Some(&socket.host),
+            Self::Vxi11 { host, .. } => Some(host),
+            Self::Serial(_) | Self::UsbTmc { .. } | Self::Gpib { adapter: Adapter::Serial(_), .. } | Self::Memory { .. } => None,
         }
     }
-}
 
-macro_rules! word_enum {
-    ($(#[$doc:meta])* $name:ident { $($(#[$variant_doc:meta])* $variant:ident = $word:literal),+ $(,)? }) => {
-        $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-        pub enum $name {
-            $($(#[$variant_doc])* $variant,)+
+    /// The device's file, where there is one.
+    pub fn path(&self) -> Option<&str> {
+        match self {
+            Self::Serial(settings) | Self::Gpib { adapter: Adapter::Serial(settings), .. } => Some(&settings.path),
+            Self::UsbTmc { path } => Some(path),
+            _ => None,
         }
-
-        impl $name {
-            const WORDS: &'static [(&'static str, Self)] = &[$(($word, Self::$variant)),+];
-
-            fn word(self) -> &'static str {
-                match self {
-                    $(Self::$variant => $word,)+
-                }
-            }
-
-            fn read(field: &'static str, found: &str) -> Result<Self, AddressError> {
-                Self::WORDS.iter().find(|(word, _)| *word == found).map(|&(_, value)| value).ok_or_else(|| AddressError {
-                    field,
-                    expected: Self::WORDS.iter().map(|(word, _)| *word).collect::<Vec<_>>().join(", "),
-                    found: found.to_owned(),
-                })
-            }
-        }
-    };
-}
-
-word_enum! {
-    /// The parity bit.
-    Parity {
-        /// No parity bit.
-        None = "none",
-        /// Even.
-        Even = "even",
-        /// Odd.
-        Odd = "odd",
-    }
-}
-
-word_enum! {
-    /// Bits per character.
-    DataBits {
-        /// Seven.
-        Seven = "7",
-        /// Eight.
-        Eight = "8",
-    }
-}
-
-word_enum! {
-    /// Stop bits.
-    StopBits {
-        /// One.
-        One = "1",
-        /// Two.
-        Two = "2",
-    }
-}
-
-word_enum! {
-    /// Flow control.
-    Flow {
-        /// None.
-        None = "none",
-        /// By the RTS and CTS lines.
-        RtsCts = "rtscts",
-        /// By XON and XOFF characters.
-        XonXoff = "xonxoff",
     }
 }
 
@@ -140,28 +130,43 @@ impl AddressError {
         Self { field, expected: expected.to_owned(), found: found.to_owned() }
     }
 
-    /// The part of the address that is wrong: `address`, `host`, `port`, `path`, `baud`, `parity`, `data`, `stop`, `flow`, `option` or `name`.
+    /// The part of the address that is wrong: `address`, `host`, `port`, `path`, `baud`, `parity`, `data`, `stop`, `flow`, `option`, `name`, `device` or
+    /// `gpib address`.
     pub fn field(&self) -> &'static str {
         self.field
     }
 }
 
+const FORMS: &str = "tcp://HOST:PORT, serial:/dev/PORT?baud=9600&parity=none, vxi11:HOST/inst0, hislip:HOST/hislip0, usbtmc:/dev/usbtmc0, \
+     gpib:tcp:HOST:PORT/ADDRESS, gpib:serial:/dev/PORT/ADDRESS or memory:NAME";
+
 impl FromStr for Address {
     type Err = AddressError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        if let Some(rest) = text.strip_prefix("tcp://") {
-            tcp(rest)
-        } else if let Some(rest) = text.strip_prefix("serial:") {
-            serial(rest).map(Self::Serial)
-        } else if let Some(name) = text.strip_prefix("memory:") {
-            let good = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'.' | b'_' | b'-');
-            if name.is_empty() || !name.bytes().all(good) {
-                return Err(AddressError::new("name", "letters, digits, `.`, `_` and `-`", name));
+        let unknown = || AddressError::new("address", FORMS, text);
+        let (kind, rest) = text.split_once(':').ok_or_else(unknown)?;
+        match kind {
+            "tcp" => socket(rest.strip_prefix("//").ok_or_else(unknown)?, None).map(Self::Tcp),
+            "serial" => SerialSettings::read(rest).map(Self::Serial),
+            "vxi11" => vxi11(rest),
+            "hislip" => {
+                let (place, device) = rest.split_once('/').unwrap_or((rest, "hislip0"));
+                Ok(Self::HiSlip { socket: socket(place, Some(hislip::PORT))?, device: named(device)? })
             }
-            Ok(Self::Memory { name: name.to_owned() })
-        } else {
-            Err(AddressError::new("address", "tcp://HOST:PORT, serial:/dev/PORT?baud=9600&parity=none or memory:NAME", text))
+            "usbtmc" => match rest.starts_with('/') && !rest.chars().any(char::is_control) {
+                true => Ok(Self::UsbTmc { path: rest.to_owned() }),
+                false => Err(AddressError::new("path", "the absolute path of a device such as /dev/usbtmc0", rest)),
+            },
+            "gpib" => gpib(rest).ok_or_else(unknown)?,
+            "memory" => {
+                let good = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'.' | b'_' | b'-');
+                if rest.is_empty() || !rest.bytes().all(good) {
+                    return Err(AddressError::new("name", "letters, digits, `.`, `_` and `-`", rest));
+                }
+                Ok(Self::Memory { name: rest.to_owned() })
+            }
+            _ => Err(unknown()),
         }
     }
 }
@@ -169,11 +174,19 @@ impl FromStr for Address {
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Tcp { host, port } => write!(f, "tcp://{host}:{port}"),
+            Self::Tcp(socket) => write!(f, "tcp://{socket}"),
             Self::Memory { name } => write!(f, "memory:{name}"),
-            Self::Serial(SerialSettings { path, baud, parity, data_bits, stop_bits, flow }) => {
-                let (parity, data, stop, flow) = (parity.word(), data_bits.word(), stop_bits.word(), flow.word());
-                write!(f, "serial:{path}?baud={baud}&parity={parity}&data={data}&stop={stop}&flow={flow}")
+            Self::Serial(settings) => write!(f, "serial:{settings}"),
+            Self::Vxi11 { host, port, device } => match port {
+                Vxi11Port::Fixed(port) => write!(f, "vxi11:{host}:{port}/{device}"),
+                Vxi11Port::Mapped(rpc::PORT_MAPPER_PORT) => write!(f, "vxi11:{host}/{device}"),
+                Vxi11Port::Mapped(port) => write!(f, "vxi11:{host}/{device}?portmapper={port}"),
+            },
+            Self::HiSlip { socket, device } => write!(f, "hislip:{socket}/{device}"),
+            Self::UsbTmc { path } => write!(f, "usbtmc:{path}"),
+            Self::Gpib { adapter: Adapter::Tcp(socket), address } => write!(f, "gpib:tcp:{socket}/{address}"),
+            Self::Gpib { adapter: Adapter::Serial(settings), address } => {
+                write!(f, "gpib:serial:{}/{address}?{}", settings.path, settings.options())
             }
         }
     }
@@ -193,8 +206,12 @@ impl From<Address> for String {
     }
 }
 
-fn tcp(rest: &str) -> Result<Address, AddressError> {
-    let (host, port) = rest.rsplit_once(':').filter(|(_, port)| !port.contains(']')).unwrap_or((rest, ""));
+/// `HOST:PORT`; the port may be left out where there is a usual one.
+fn socket(text: &str, usual: Option<u16>) -> Result<Socket, AddressError> {
+    let (host, port) = match text.rsplit_once(':').filter(|(_, port)| !port.contains(']')) {
+        Some((host, port)) => (host, Some(port)),
+        None => (text, None),
+    };
     let bracketed = host.strip_prefix('[').and_then(|inner| inner.strip_suffix(']'));
     let good = match bracketed {
         Some(inner) => inner.parse::<std::net::Ipv6Addr>().is_ok(),
@@ -203,141 +220,58 @@ fn tcp(rest: &str) -> Result<Address, AddressError> {
     if !good {
         return Err(AddressError::new("host", "a host name, an IPv4 address or an IPv6 address in brackets", host));
     }
-    let digits = !port.is_empty() && port.bytes().all(|byte| byte.is_ascii_digit());
-    match port.parse() {
-        Ok(port @ 1..=u16::MAX) if digits => Ok(Address::Tcp { host: host.to_owned(), port }),
-        _ => Err(AddressError::new("port", "a number from 1 to 65535 after the host", port)),
+    let port = match (port, usual) {
+        (None, Some(usual)) => usual,
+        (port, _) => port_number(port.unwrap_or_default())?,
+    };
+    Ok(Socket { host: host.to_owned(), port })
+}
+
+fn port_number(text: &str) -> Result<u16, AddressError> {
+    let digits = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    match text.parse() {
+        Ok(port @ 1..=u16::MAX) if digits => Ok(port),
+        _ => Err(AddressError::new("port", "a number from 1 to 65535 after the host", text)),
     }
 }
 
-fn serial(rest: &str) -> Result<SerialSettings, AddressError> {
-    let (path, options) = rest.split_once('?').unwrap_or((rest, ""));
-    if !path.starts_with('/') || path.chars().any(|c| c.is_control() || c == '?') {
-        return Err(AddressError::new("path", "the absolute path of a device such as /dev/ttyUSB0", path));
+fn named(device: &str) -> Result<String, AddressError> {
+    let good = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-' | b',');
+    match !device.is_empty() && device.bytes().all(good) {
+        true => Ok(device.to_owned()),
+        false => Err(AddressError::new("device", "a name such as inst0 or hislip0", device)),
     }
-    let mut settings = SerialSettings::new(path);
-    let mut seen: Vec<&str> = Vec::new();
-    for option in options.split('&').filter(|option| !option.is_empty()) {
-        let (key, value) = option.split_once('=').unwrap_or((option, ""));
-        if seen.contains(&key) {
-            return Err(AddressError::new("option", "every option once", option));
-        }
-        seen.push(key);
-        match key {
-            "baud" => settings.baud = baud(value)?,
-            "parity" => settings.parity = Parity::read("parity", value)?,
-            "data" => settings.data_bits = DataBits::read("data", value)?,
-            "stop" => settings.stop_bits = StopBits::read("stop", value)?,
-            "flow" => settings.flow = Flow::read("flow", value)?,
-            _ => return Err(AddressError::new("option", "baud, parity, data, stop or flow", option)),
-        }
-    }
-    Ok(settings)
 }
 
-/// The rates that every driver knows; others would be rounded or refused by the hardware without a word.
-fn baud(value: &str) -> Result<u32, AddressError> {
-    const RATES: [u32; 12] = [300, 600, 1200, 2400, 4800, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
-    let rate = RATES.into_iter().find(|rate| rate.to_string() == value);
-    rate.ok_or_else(|| AddressError::new("baud", &RATES.map(|rate| rate.to_string()).join(", "), value))
+fn vxi11(text: &str) -> Result<Address, AddressError> {
+    let (text, option) = text.split_once('?').map_or((text, None), |(text, option)| (text, Some(option)));
+    let (place, device) = text.split_once('/').unwrap_or((text, "inst0"));
+    // Zero stands for a port that was not named.
+    let Socket { host, port } = socket(place, Some(0))?;
+    let port = match (port, option) {
+        (0, None) => Vxi11Port::Mapped(rpc::PORT_MAPPER_PORT),
+        (0, Some(option)) => {
+            let number = option.strip_prefix("portmapper=");
+            Vxi11Port::Mapped(port_number(number.ok_or_else(|| AddressError::new("option", "portmapper=PORT", option))?)?)
+        }
+        (port, None) => Vxi11Port::Fixed(port),
+        (_, Some(option)) => return Err(AddressError::new("option", "a port or a port mapper, not both", option)),
+    };
+    Ok(Address::Vxi11 { host, port, device: named(device)? })
 }
 
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::*;
-
-    #[test]
-    fn addresses_are_read() {
-        let julabo = SerialSettings {
-            path: "/dev/ttyUSB0".to_owned(),
-            baud: 4800,
-            parity: Parity::Even,
-            data_bits: DataBits::Seven,
-            stop_bits: StopBits::One,
-            flow: Flow::RtsCts,
-        };
-        let table = [
-            ("tcp://192.168.1.20:5025", Address::Tcp { host: "192.168.1.20".to_owned(), port: 5025 }),
-            ("tcp://scope.lab:5555", Address::Tcp { host: "scope.lab".to_owned(), port: 5555 }),
-            ("tcp://[::1]:5025", Address::Tcp { host: "[::1]".to_owned(), port: 5025 }),
-            ("serial:/dev/ttyUSB0?baud=4800&parity=even&data=7&stop=1&flow=rtscts", Address::Serial(julabo.clone())),
-            ("serial:/dev/ttyUSB0?flow=rtscts&data=7&parity=even&baud=4800", Address::Serial(julabo)),
-            ("serial:/dev/ttyS0", Address::Serial(SerialSettings::new("/dev/ttyS0"))),
-            ("memory:scope-1", Address::Memory { name: "scope-1".to_owned() }),
-        ];
-        for (text, address) in table {
-            assert_eq!(text.parse(), Ok(address), "{text}");
-        }
-    }
-
-    #[test]
-    fn mistakes_are_named_by_field() {
-        let table = [
-            (
-                "192.168.1.20:5025",
-                "address: expected tcp://HOST:PORT, serial:/dev/PORT?baud=9600&parity=none or memory:NAME, found `192.168.1.20:5025`",
-            ),
-            ("tcp://:5025", "host: expected a host name, an IPv4 address or an IPv6 address in brackets, found ``"),
-            ("tcp://a b:5025", "host: expected a host name, an IPv4 address or an IPv6 address in brackets, found `a b`"),
-            ("tcp://::1:5025", "host: expected a host name, an IPv4 address or an IPv6 address in brackets, found `::1`"),
-            ("tcp://host", "port: expected a number from 1 to 65535 after the host, found ``"),
-            ("tcp://[::1]", "port: expected a number from 1 to 65535 after the host, found ``"),
-            ("tcp://host:0", "port: expected a number from 1 to 65535 after the host, found `0`"),
-            ("tcp://host:65536", "port: expected a number from 1 to 65535 after the host, found `65536`"),
-            ("tcp://host:+25", "port: expected a number from 1 to 65535 after the host, found `+25`"),
-            ("serial:COM1", "path: expected the absolute path of a device such as /dev/ttyUSB0, found `COM1`"),
-            ("serial:/dev/ttyS0?parity=mark", "parity: expected none, even, odd, found `mark`"),
-            ("serial:/dev/ttyS0?data=9", "data: expected 7, 8, found `9`"),
-            ("serial:/dev/ttyS0?stop=", "stop: expected 1, 2, found ``"),
-            ("serial:/dev/ttyS0?flow=hard", "flow: expected none, rtscts, xonxoff, found `hard`"),
-            ("serial:/dev/ttyS0?bauds=9600", "option: expected baud, parity, data, stop or flow, found `bauds=9600`"),
-            ("serial:/dev/ttyS0?data=7&data=8", "option: expected every option once, found `data=8`"),
-            ("memory:", "name: expected letters, digits, `.`, `_` and `-`, found ``"),
-            ("memory:a/b", "name: expected letters, digits, `.`, `_` and `-`, found `a/b`"),
-        ];
-        for (text, message) in table {
-            assert_eq!(text.parse::<Address>().unwrap_err().to_string(), message, "{text}");
-        }
-        let baud = "serial:/dev/ttyS0?baud=9601".parse::<Address>().unwrap_err();
-        assert!(baud.to_string().starts_with("baud: expected 300, 600,") && baud.to_string().ends_with("found `9601`"), "{baud}");
-        assert_eq!(baud.field(), "baud");
-    }
-
-    fn any_address() -> impl Strategy<Value = Address> {
-        let words = (0_usize..3, 0_usize..2, 0_usize..2, 0_usize..3);
-        prop_oneof![
-            ("[a-z0-9.-]{1,20}", 1_u16..).prop_map(|(host, port)| Address::Tcp { host, port }),
-            (any::<u128>(), 1_u16..)
-                .prop_map(|(bits, port)| Address::Tcp { host: format!("[{}]", std::net::Ipv6Addr::from_bits(bits)), port }),
-            "[A-Za-z0-9._-]{1,20}".prop_map(|name| Address::Memory { name }),
-            ("/dev/[a-zA-Z0-9/=&._-]{1,20}", prop::sample::select(vec![300, 4800, 115_200]), words).prop_map(
-                |(path, baud, (parity, data, stop, flow))| {
-                    Address::Serial(SerialSettings {
-                        path,
-                        baud,
-                        parity: Parity::WORDS[parity].1,
-                        data_bits: DataBits::WORDS[data].1,
-                        stop_bits: StopBits::WORDS[stop].1,
-                        flow: Flow::WORDS[flow].1,
-                    })
-                }
-            ),
-        ]
-    }
-
-    proptest! {
-        #[test]
-        fn what_is_written_is_read_back(address in any_address()) {
-            prop_assert_eq!(address.to_string().parse(), Ok(address));
-        }
-
-        #[test]
-        fn no_text_makes_the_reader_panic(text in "(tcp://|serial:/|memory:)?[ -~]{0,30}") {
-            if let Ok(address) = text.parse::<Address>() {
-                prop_assert_eq!(address.to_string().parse(), Ok(address));
-            }
-        }
-    }
+/// `None` for another kind of adapter.
+fn gpib(text: &str) -> Option<Result<Address, AddressError>> {
+    let (kind, rest) = text.split_once(':')?;
+    let (place, options) = rest.split_once('?').unwrap_or((rest, ""));
+    let (place, address) = place.rsplit_once('/').unwrap_or((place, ""));
+    let adapter = match kind {
+        "tcp" if !options.is_empty() => Err(AddressError::new("option", "none for an adapter on the network", options)),
+        "tcp" => socket(place, None).map(Adapter::Tcp),
+        "serial" => SerialSettings::read(&format!("{place}?{options}")).map(Adapter::Serial),
+        _ => return None,
+    };
+    let number = address.parse().ok().filter(|&number| number <= prologix::MOST_ADDRESS && !address.starts_with('+'));
+    let wrong = || AddressError::new("gpib address", "a number from 0 to 30 behind the adapter and a `/`", address);
+    Some(adapter.and_then(|adapter| Ok(Address::Gpib { adapter, address: number.ok_or_else(wrong)? })))
 }

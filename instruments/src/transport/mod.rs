@@ -1,13 +1,19 @@
-//! Bytes in, bytes out. A closed set of transports behind one type, [`Stream`]; which one is meant is text, [`Address`].
+//! Bytes in, bytes out. Two closed sets: [`Stream`] for what has bytes and no messages, [`Channel`] for that and for the transports that carry the ends of
+//! messages, can be cleared and tell a status byte. Which one is meant is text, [`Address`].
 //!
-//! Knows no messages: cutting the bytes is the business of [`crate::scpi::decode`], deadlines and order that of [`crate::link`]. Opening a stream sends
-//! nothing.
+//! Knows no text: cutting the bytes is the business of [`crate::scpi::decode`], deadlines and order that of [`crate::link`]. Opening sends nothing to an
+//! instrument; what starts a session goes to the server or the adapter in front of it.
 
 mod address;
+mod channel;
+mod gpib;
+mod hislip;
 mod memory;
 mod pty;
 mod serial;
 mod tcp;
+mod usbtmc;
+mod vxi11;
 
 use std::{
     io,
@@ -20,10 +26,12 @@ use tokio::{
     net::TcpStream,
 };
 
-pub use address::{Address, AddressError, DataBits, Flow, Parity, SerialSettings, StopBits};
+pub use address::{Adapter, Address, AddressError, DataBits, Flow, Parity, SerialSettings, Socket, StopBits, Vxi11Port};
+pub use channel::{Arrival, Channel, connect};
 pub use memory::{MemoryHub, MemoryListener};
 pub use pty::Pty;
 pub use serial::SerialConnection;
+pub(crate) use usbtmc::TRANSFER;
 
 /// An address that could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -68,17 +76,24 @@ pub enum Stream {
     Memory(DuplexStream),
 }
 
-/// Opens the transport that `address` names; `hub` is where memory names are looked up. Waits as long as the operating system does: callers put a
-/// deadline around it.
+/// Opens the stream that `address` names, or the one on which a GPIB adapter is; `hub` is where memory names are looked up. Waits as long as the
+/// operating system does: callers put a deadline around it.
 ///
 /// # Errors
-/// [`TransportError`] with the address and the reason.
+/// [`TransportError`] with the address and the reason, such as that it names no stream.
 pub async fn open(address: &Address, hub: &MemoryHub) -> Result<Stream, TransportError> {
     let failed = |source| TransportError::Open { address: address.clone(), source };
     match address {
-        Address::Tcp { host, port } => tcp::open(host, *port).await.map(Stream::Tcp).map_err(failed),
-        Address::Serial(settings) => SerialConnection::open(settings).map(|port| Stream::Serial(Box::new(port))).map_err(failed),
+        Address::Tcp(socket) | Address::Gpib { adapter: Adapter::Tcp(socket), .. } => {
+            tcp::open(&socket.host, socket.port).await.map(Stream::Tcp).map_err(failed)
+        }
+        Address::Serial(settings) | Address::Gpib { adapter: Adapter::Serial(settings), .. } => {
+            SerialConnection::open(settings).map(|port| Stream::Serial(Box::new(port))).map_err(failed)
+        }
         Address::Memory { name } => hub.connect(name).map(Stream::Memory),
+        Address::Vxi11 { .. } | Address::HiSlip { .. } | Address::UsbTmc { .. } => {
+            Err(failed(io::Error::new(io::ErrorKind::Unsupported, "it carries messages and is no stream of bytes")))
+        }
     }
 }
 

@@ -2,21 +2,21 @@
 
 use instruments::{
     instrument::Instrument,
-    load::{self, Discharge, Load},
+    load::{self, Discharge, Draw, Load},
     mock::{
         MockOptions,
         plant::{Action, LoadState, SupplyState},
     },
     scpi::decode::Terminator,
     supply::{self, Charge, Supply},
-    units::{Amps, Volts},
+    units::{Amps, Volts, Watts},
 };
 
 use crate::drivers_common::{Rig, dialect, in_virtual_time};
 
 const LOAD: &str = "siglent-sdl1000x";
 const SUPPLY: &str = "siglent-spd3303x";
-const DISCHARGE: Discharge = Discharge { current: Amps(1.5), stop_below: Volts(2.75) };
+const DISCHARGE: Discharge = Discharge { draw: Draw::Current(Amps(1.5)), stop_below: Volts(2.75) };
 const CHARGE: Charge = Charge { voltage: Volts(4.2), current: Amps(1.25) };
 
 async fn load(rig: &Rig) -> Load {
@@ -47,7 +47,7 @@ fn the_load_sinks_what_was_asked_and_stops_by_itself() {
         load.prepare(&DISCHARGE).await.unwrap();
         assert!(loads(&rig).iter().all(|state| !state.input_on));
         load.energise().await.unwrap();
-        let expected = LoadState { input_on: true, current_a: 1.5, min_voltage_v: 2.75 };
+        let expected = LoadState { input_on: true, current_a: 1.5, min_voltage_v: 2.75, power_w: None };
         assert_eq!(loads(&rig).into_iter().filter(|state| state.input_on).collect::<Vec<_>>(), [expected]);
         assert_eq!(load.measure().await.unwrap(), (Volts(3.7), Amps(1.5)));
         load.safe().await.unwrap();
@@ -66,11 +66,11 @@ fn a_load_that_was_left_on_latched_in_another_function_and_range_is_off_before_i
         let start = loads(&rig).len();
         let mut load = load(&rig).await;
         // More than the range in which it was left.
-        load.prepare(&Discharge { current: Amps(6.0), ..DISCHARGE }).await.unwrap();
+        load.prepare(&Discharge { draw: Draw::Current(Amps(6.0)), ..DISCHARGE }).await.unwrap();
         assert!(loads(&rig)[start..].iter().all(|state| !state.input_on), "{:?}", &loads(&rig)[start..]);
         load.energise().await.unwrap();
         // Latched, it would go on sinking below the stop voltage: nothing of the latch is left.
-        assert_eq!(*loads(&rig).last().unwrap(), LoadState { input_on: true, current_a: 6.0, min_voltage_v: 2.75 });
+        assert_eq!(*loads(&rig).last().unwrap(), LoadState { input_on: true, current_a: 6.0, min_voltage_v: 2.75, power_w: None });
     });
 }
 
@@ -80,9 +80,9 @@ fn what_the_load_does_not_take_over_is_named() {
         let clamped = "dev: after `:CURR:LEV:IMM 35.0000`, `:CURR:LEV:IMM?` answered `30.000000`: expected a number within 2.0e-3 of 35";
         let rig = Rig::new(clock.clone(), LOAD);
         let mut load = load(&rig).await;
-        let too_much = Discharge { current: Amps(35.0), ..DISCHARGE };
+        let too_much = Discharge { draw: Draw::Current(Amps(35.0)), ..DISCHARGE };
         assert_eq!(load.prepare(&too_much).await.unwrap_err().to_string(), clamped);
-        let reversed = load.prepare(&Discharge { current: Amps(-1.0), ..DISCHARGE }).await.unwrap_err().to_string();
+        let reversed = load.prepare(&Discharge { draw: Draw::Current(Amps(-1.0)), ..DISCHARGE }).await.unwrap_err().to_string();
         assert!(reversed.ends_with("answered `0.000000`: expected a number within 2.0e-3 of -1"), "{reversed}");
         for (query, answer, text) in [
             (":INP?", &b"1\n"[..], "dev: after `:INP OFF`, `:INP?` answered `1`: expected one of 0, OFF"),
@@ -167,5 +167,27 @@ fn what_the_supply_does_not_take_over_is_named() {
         supply.safe().await.unwrap();
         let text = "dev: after `OUTP CH1,ON`, `SYST:STAT?` answered `0x0224`: expected status bits 0x0010 under mask 0x0010";
         assert_eq!(supply.energise().await.unwrap_err().to_string(), text);
+    });
+}
+
+#[test]
+fn levels_change_while_load_and_supply_are_on() {
+    in_virtual_time(async |clock| {
+        let rig = Rig::new(clock.clone(), LOAD);
+        let mut load = load(&rig).await;
+        load.prepare(&Discharge { draw: Draw::Power(Watts(60.0)), ..DISCHARGE }).await.unwrap();
+        load.level(Draw::Power(Watts(20.0))).await.unwrap();
+        load.energise().await.unwrap();
+        load.level(Draw::Power(Watts(45.5))).await.unwrap();
+        assert_eq!(*loads(&rig).last().unwrap(), LoadState { input_on: true, current_a: 0.0, min_voltage_v: 2.75, power_w: Some(45.5) });
+        let too_much = load.level(Draw::Power(Watts(260.0))).await.unwrap_err().to_string();
+        assert!(too_much.ends_with("answered `200.000000`: expected a number within 1.0e-2 of 260"), "{too_much}");
+        let rig = Rig::new(clock, SUPPLY);
+        let mut supply = supply(&rig).await;
+        supply.prepare(&CHARGE).await.unwrap();
+        supply.energise().await.unwrap();
+        supply.level(Amps(0.5)).await.unwrap();
+        let last = supplies(&rig).last().copied().unwrap();
+        assert!(last.output_on && last.current_a == 0.5 && last.voltage_v == 4.2, "{last:?}");
     });
 }

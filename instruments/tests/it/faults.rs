@@ -1,9 +1,12 @@
 //! Seeded faults between a link and a simulated instrument: what the link says is right, or it says that something went wrong.
 
-use std::sync::{Arc, Mutex};
+use std::{
+    sync::{Arc, Mutex},
+    time::Duration,
+};
 
 use instruments::{
-    clock::Clock,
+    clock::{Clock, TimeMode},
     link::{Link, LinkProfile},
     mock::{
         self, Fault, FaultLog, MockOptions, Schedule, make_troubled,
@@ -13,7 +16,12 @@ use instruments::{
     transport::MemoryHub,
 };
 
-use crate::{device::open, drivers_common::in_virtual_time, mocks_plant::Recorder};
+use crate::{
+    device::open,
+    drivers_common::in_virtual_time,
+    mocks_plant::Recorder,
+    transports::{Kind, serve},
+};
 
 const MODEL: &str = "kepco-bop-mg";
 
@@ -105,5 +113,37 @@ fn a_power_cut_and_a_hand_at_the_panel_switch_the_output_off() {
                 .collect();
             assert_eq!(states, [false, true, false], "{fault:?}");
         });
+    }
+}
+
+/// Fifty seconds of the bench in one: a late answer is late at once.
+const PACE: f64 = 50.0;
+
+/// One fault after the other on a real port; gives wrong answers, right answers and the number of faults.
+async fn on_a_port(kind: Kind, fault: Fault, clock: &Clock) -> (Vec<String>, usize, usize) {
+    let (hub, log) = (MemoryHub::new(), FaultLog::default());
+    let schedule = Schedule { seed: 3, per_message: 0.2, most: 2, faults: vec![fault] };
+    let plant = Arc::new(Mutex::new(Recorder::default()));
+    let device = make_troubled(MODEL, (plant, &MockOptions::default()), &schedule, &log).unwrap();
+    let address = serve(kind, device, clock, &hub).await;
+    let profile = LinkProfile { first_timeout: Duration::from_secs(2), timeout: Duration::from_millis(70), ..LinkProfile::scpi() };
+    let mut link = open(&address.to_string(), profile, clock, &hub, Tap::none()).await.unwrap();
+    let (wrong, right) = converse(&mut link, 20).await;
+    let happened = log.lock().unwrap().len();
+    (wrong, right, happened)
+}
+
+#[test]
+fn over_every_transport_the_faults_lead_to_no_wrong_answer() {
+    for kind in [Kind::Vxi11, Kind::HiSlip, Kind::UsbTmc, Kind::Gpib] {
+        let (mut happened, mut answered) = (0, 0);
+        for fault in Fault::ALL {
+            Clock::runtime(TimeMode::Scaled(PACE)).unwrap().block_on(async {
+                let (wrong, right, faults) = on_a_port(kind, fault, &Clock::start(TimeMode::Scaled(PACE))).await;
+                assert!(fault == Fault::Garble || wrong.is_empty(), "{kind:?} {fault:?}: {wrong:?}");
+                (happened, answered) = (happened + faults, answered + right);
+            });
+        }
+        assert!(happened > Fault::ALL.len() && answered > 10 * Fault::ALL.len(), "{kind:?}: {happened} faults, {answered} answers");
     }
 }

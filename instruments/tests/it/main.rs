@@ -2,8 +2,10 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test that panics has found something")]
 
+mod conformance;
 mod device;
 mod drivers_common;
+mod drivers_confirming;
 mod drivers_generator;
 mod drivers_power;
 mod drivers_scope;
@@ -11,6 +13,8 @@ mod drivers_second;
 mod drivers_supply4q;
 mod drivers_thermal;
 mod faults;
+mod fuzz;
+mod fuzz_sessions;
 mod link;
 mod mocks_devices;
 mod mocks_plant;
@@ -18,4 +22,6 @@ mod mocks_ports;
 mod mocks_random;
 mod mocks_scope;
 mod ports;
+mod quirks;
 mod replay;
+mod transports;

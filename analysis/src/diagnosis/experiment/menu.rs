@@ -26,6 +26,8 @@ const SLOW_POINTS: usize = 6;
 const SLOW_REPEAT: usize = 2;
 /// Parts of a record's current with which it is mirrored: where the whole leaves the limits of the cell, less of it.
 const MIRRORED: [f64; 3] = [1.0, 0.5, 0.25];
+/// Halves of the half periods of square waves, s.
+const HALVES_S: [f64; 5] = [2.0, 5.0, 10.0, 20.0, 40.0];
 /// Half of a burst, s: the shortest current that a bench times well.
 const BURST_S: f64 = 0.5;
 
@@ -41,6 +43,13 @@ impl MenuItem {
     /// Time on the bench with all repeats and settling, min.
     pub(super) fn duration_min(&self) -> f64 {
         self.runs.iter().map(PlannedRun::duration_s).sum::<f64>() / 60.0
+    }
+
+    /// The same, measured so many times as often.
+    pub(super) fn times(&self, times: usize) -> Self {
+        let mut more = self.clone();
+        more.runs.iter_mut().for_each(|run| run.repeat *= times);
+        more
     }
 
     /// Charge moved in either direction, Ah.
@@ -155,7 +164,7 @@ pub(super) fn menu(campaign: &Campaign<'_>) -> Vec<MenuItem> {
         MIRRORED
             .iter()
             .map(|part| mirrored(campaign, *part))
-            .chain([bursts(campaign), long_pulse(campaign), slow_pulse(campaign)])
+            .chain([bursts(campaign), long_pulse(campaign), slow_pulse(campaign), square_waves(campaign)])
             .flatten(),
     );
     items.extend([minor_loops(campaign), equal_charge(campaign)].into_iter().flatten());
@@ -255,6 +264,15 @@ fn slow_pulse(campaign: &Campaign<'_>) -> Option<MenuItem> {
     let words = format!("{amps:.1} A out for 5 min, 40 min of rest, and the same back");
     let segments = vec![(2.0, 0.0), (300.0, amps), (2400.0, 0.0), (300.0, -amps), (2400.0, 0.0)];
     (amps > 0.0).then(|| campaign.trace("slow_pulse", words, segments)).flatten()
+}
+
+/// Out and in, ever slower: what relaxes within seconds to minutes, without a charge that is left and with little rest.
+fn square_waves(campaign: &Campaign<'_>) -> Option<MenuItem> {
+    let amps = campaign.both_ways_a().min(10.0 * campaign.problem.base.ocv.capacity_ah);
+    let halves = HALVES_S.into_iter().flat_map(|half_s| [(half_s, amps), (2.0 * half_s, -amps), (half_s, amps)]);
+    let segments = std::iter::once((2.0, 0.0)).chain(halves).chain([(600.0, 0.0)]).collect();
+    let words = format!("{amps:.1} A out and in with half periods of 4 s up to 80 s, then 10 min of rest");
+    (amps > 0.0).then(|| campaign.trace("square_waves", words, segments)).flatten()
 }
 
 /// Loops of charge around the start, ever smaller and then ever larger.

@@ -180,6 +180,7 @@ fn the_menu_keeps_to_limits_and_range() {
             "zero_net_charge_bursts",
             "long_pulse",
             "slow_pulse",
+            "square_waves",
             "minor_loops",
             "equal_charge_pulses",
             "sentinel_repeat",
@@ -234,6 +235,6 @@ fn nothing_refused_and_nothing_named_leaves_nothing_open() {
     let p = prepared(&cell_runs(storage));
     let base = p.problem.fit(&Structure::default(), &model().erm, &mut Desk::default());
     for verdict in [Verdict::Ambiguous, Verdict::Unexplained] {
-        assert!(Open::new(verdict, &base, &Selection::nothing(&base)).pairs.is_empty());
+        assert!(Open::new((&p.problem, true), verdict, &base, &Selection::nothing(&base)).pairs.is_empty());
     }
 }

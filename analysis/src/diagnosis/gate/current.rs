@@ -3,17 +3,19 @@
 use super::super::data::TimeRecord;
 use crate::augmented::Between;
 
-/// Root mean square of the difference over the time that both records last, as a share of the larger one's; none where no current flows in either.
-pub(super) fn difference(a: &TimeRecord, b: &TimeRecord) -> Option<f64> {
+/// Root mean square of the difference over the time that both records last, as a share of the larger one's; none where less than `least_a` flows in either,
+/// A: what a channel shows without a current is noise, and no two are alike.
+pub(super) fn difference(a: &TimeRecord, b: &TimeRecord, least_a: f64) -> Option<f64> {
     let (t, ia) = (&a.series.time_s, &a.series.current_a);
     let end_s = b.series.time_s.last().copied()?;
-    let (mut apart, mut of_a, mut of_b, mut from) = (0.0, 0.0, 0.0, 0);
+    let (mut apart, mut of_a, mut of_b, mut from, mut span_s) = (0.0, 0.0, 0.0, 0, 0.0);
     for k in 0..t.len().saturating_sub(1) {
         let middle_s = 0.5 * (t[k] + t[k + 1]);
         if middle_s > end_s {
             break;
         }
         let step_s = t[k + 1] - t[k];
+        span_s += step_s;
         let here = if a.between == Between::Hold { ia[k] } else { 0.5 * (ia[k] + ia[k + 1]) };
         let there = at(b, middle_s, &mut from);
         apart += step_s * (here - there).powi(2);
@@ -21,7 +23,7 @@ pub(super) fn difference(a: &TimeRecord, b: &TimeRecord) -> Option<f64> {
         of_b += step_s * there * there;
     }
     let size = of_a.max(of_b);
-    (size > 0.0).then(|| (apart / size).sqrt())
+    (size > least_a * least_a * span_s).then(|| (apart / size).sqrt())
 }
 
 /// Current at a time not before the last one asked for.

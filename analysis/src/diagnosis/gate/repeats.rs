@@ -10,9 +10,13 @@ const FLOWS: f64 = 0.05;
 /// Standard deviations of the history beyond which a repeat is none.
 const FAR_OFF: f64 = 20.0;
 /// … unless the first and the last of the group lie on opposite sides of the others in the same way, to this correlation: a cell that changes does that, a
-/// run that was swapped or damaged does not. Beyond this many standard deviations it does not either.
+/// run that was swapped or damaged does not. Beyond this many standard deviations it does not either …
 const DRIFTS: f64 = -0.7;
 const FAR_DRIFT: f64 = 400.0;
+/// … but for what goes one way as time does: each run's part of the way from the first to the last is its part of the time, to this, and no more than this
+/// part of the way lies aside of it. A cell that ages steadily does that by any amount.
+const STEADY: f64 = 0.15;
+const ASIDE: f64 = 0.3;
 /// A step of time is odd where it differs by this share and this many seconds, and a jump of the clock where no more than so many do.
 const ODD_STEP: f64 = 0.1;
 const ODD_STEP_S: f64 = 5e-3;
@@ -98,7 +102,7 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         let z = size.iter().copied().fold(0.0, f64::max);
         let far: Vec<String> =
             off.iter().zip(&size).filter(|(_, z)| **z > FAR_OFF).map(|((subject, _), _)| subject.run.name.clone()).collect();
-        let drifted = z < FAR_DRIFT && drifts(off);
+        let drifted = steady(&off) || (z < FAR_DRIFT && drifts(off));
         if !far.is_empty() && !drifted {
             let text = format!("it differs from its repeats by {z:.0} standard deviations of the bench's history");
             found.invalid.push(Reason { check: Check::Repeats, runs: far, text });
@@ -116,6 +120,24 @@ fn drifts(mut off: Vec<(&Subject<'_>, Vec<Apart>)>) -> bool {
     let (Some((_, first)), Some((_, last))) = (off.first(), off.last()) else { return false };
     let dot = |a: &[Apart], b: &[Apart]| a.iter().zip(b).map(|(a, b)| a.0 * b.0 + a.1 * b.1).sum::<f64>();
     off.len() >= 3 && dot(first, last) < DRIFTS * (dot(first, first) * dot(last, last)).sqrt()
+}
+
+/// Whether a group of three or more goes from the first to the last in proportion to time.
+fn steady(off: &[(&Subject<'_>, Vec<Apart>)]) -> bool {
+    let mut runs: Vec<(f64, &[Apart])> = off.iter().map(|(subject, apart)| (subject.run.start_s, apart.as_slice())).collect();
+    runs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (Some((begin_s, first)), Some((end_s, last))) = (runs.first().copied(), runs.last().copied()) else { return false };
+    let less = |a: &[Apart], b: &[Apart]| a.iter().zip(b).map(|(a, b)| (a.0 - b.0, a.1 - b.1)).collect::<Vec<Apart>>();
+    let dot = |a: &[Apart], b: &[Apart]| a.iter().zip(b).map(|(a, b)| a.0 * b.0 + a.1 * b.1).sum::<f64>();
+    let whole = less(last, first);
+    let size = dot(&whole, &whole);
+    let on_the_way = |(at_s, apart): &(f64, &[Apart])| {
+        let moved = less(apart, first);
+        let part = dot(&moved, &whole) / size;
+        let aside = (dot(&moved, &moved) - part * part * size).max(0.0);
+        (part - (at_s - begin_s) / (end_s - begin_s)).abs() < STEADY && aside < ASIDE * ASIDE * size
+    };
+    runs.len() >= 3 && end_s > begin_s && size > 0.0 && runs.iter().all(|(_, a)| a.len() == whole.len()) && runs.iter().all(on_the_way)
 }
 
 /// How far a run is from the median of its group (of two: from their mean), in standard deviations of the history.

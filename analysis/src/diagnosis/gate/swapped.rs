@@ -9,6 +9,8 @@ use num_complex::Complex64;
 /// Currents of repeats are alike below this share, of the same experiment below the second.
 const UNLIKE: f64 = 0.5;
 const ALIKE: f64 = 0.25;
+/// Part of the data set's greatest current below which none flows.
+const NO_CURRENT: f64 = 0.01;
 /// Share of the voltage's squares that its own current must explain at least, and another's must explain to be called the right one.
 const OWN_EXPLAINS: f64 = 0.5;
 const OTHER_EXPLAINS: f64 = 0.9;
@@ -41,9 +43,11 @@ fn records<'a>(at: &'a Inspection<'_>, subject: &'a Subject<'_>, same_group: boo
 
 fn of_current(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
     let (record, _) = subject.record()?;
+    let currents = at.runs.iter().filter_map(|s| s.record()).flat_map(|(r, _)| &r.series.current_a);
+    let least_a = NO_CURRENT * currents.fold(0.0f64, |most, i| most.max(i.abs()));
     let closest = |same_group: bool| {
         records(at, subject, same_group)
-            .filter_map(|(name, other)| Some((name, difference(record, other)?)))
+            .filter_map(|(name, other)| Some((name, difference(record, other, least_a)?)))
             .min_by(|a, b| a.1.total_cmp(&b.1))
     };
     let (_, own) = closest(true)?;

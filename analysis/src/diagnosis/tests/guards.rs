@@ -4,7 +4,7 @@ use super::bench::{Hidden, campaign, model};
 use crate::diagnosis::block::Desk;
 use crate::diagnosis::diagnose::base_fit;
 use crate::diagnosis::prepare::prepare;
-use crate::diagnosis::select::Search;
+use crate::diagnosis::select::{Search, excess_z};
 use crate::diagnosis::{DataSet, Diagnosis, DiagnosisOptions, Guards, Role, RunData, Verdict, diagnose};
 
 fn with(set: &DataSet, guards: Guards) -> Diagnosis {
@@ -100,6 +100,62 @@ fn steps_are_as_fine_as_integration_needs() {
     let error = |d: &Diagnosis| d.effects.iter().map(|e| e.evidence.integration_error).fold(0.0, f64::max);
     assert!(names(&on).contains(&"self_heating") && error(&on) <= 0.1, "{:?} {}", names(&on), error(&on));
     assert!(error(&off) > 0.1, "{:?} {}", names(&off), error(&off));
+}
+
+/// An error that all rows of a record share is small beside each row's noise and large beside what the row says in which it shows: the guard asks the
+/// whitened rows.
+#[test]
+fn integration_is_judged_by_what_it_does_to_whitened_rows() {
+    let hidden = Hidden { heat_per_j: 3e-4, ..Hidden::default() };
+    let mut set = campaign(81, &hidden, &hidden);
+    for run in &mut set.runs {
+        if let RunData::Time(record) = &mut run.data {
+            thin(&mut record.series);
+        }
+    }
+    let prepared = prepare(&set, &model(), Guards::default()).unwrap();
+    let problem = &prepared.problem;
+    let candidates = [crate::effects::find("self_heating").unwrap()];
+    let mut search = Search { problem, candidates: &candidates, guards: Guards::default(), measured: true, desk: Desk::default() };
+    let base = base_fit(problem, &model().erm, &mut search.desk);
+    let attempt = search.attempts(&base, None).0.into_iter().find(|a| a.name == "self_heating").unwrap();
+    let at = (&attempt.fit.structure, attempt.fit.x.as_slice());
+    let (mut white, mut by_row) = (0.0f64, 0.0f64);
+    for k in 0..problem.blocks.len() {
+        let [once, halves] = [1, 2].map(|parts| problem.predict(at, k, parts, &mut search.desk));
+        let change: Vec<f64> = once.iter().zip(&halves).map(|(a, b)| a - b).collect();
+        by_row = change.iter().zip(&problem.floors[k]).fold(by_row, |worst, (c, f)| worst.max((c / f).abs()));
+        let mut rows = Vec::new();
+        problem.whiteners[k].apply(&change, &mut rows);
+        white = rows.iter().fold(white, |worst, r| worst.max(r.abs()));
+    }
+    let told = search.integration_error(&attempt.fit);
+    assert!((told / white - 1.0).abs() < 1e-9 && (white / by_row - 1.0).abs() > 0.2, "{told}, {white} whitened, {by_row} by row");
+}
+
+/// Codes that the noise does not dither leave an error that looks like structure. Their term in the noise takes most of that misfit away; at ten times the
+/// noise not all of it, for a code's error is not normal.
+#[test]
+fn coarse_codes_are_noise_and_no_misfit() {
+    let step_v = 5e-3;
+    let mut set = campaign(85, &Hidden::default(), &Hidden::default());
+    for run in &mut set.runs {
+        if let RunData::Time(record) = &mut run.data {
+            record.series.voltage_v.iter_mut().for_each(|v| *v = (*v / step_v).round() * step_v);
+        }
+    }
+    let z = |resolution_v: f64| {
+        let mut set = set.clone();
+        if let Some(history) = &mut set.history {
+            history.voltage_resolution_v = resolution_v;
+        }
+        // The noise of the history: repeats, which show the codes too, must not make up for the term.
+        let prepared = prepare(&set, &model(), Guards::default()).unwrap().of_history(Guards::default()).unwrap();
+        let base = base_fit(&prepared.problem, &model().erm, &mut Desk::default());
+        excess_z(base.chi2, prepared.problem.degrees_of_freedom(&base))
+    };
+    let (told, untold) = (z(step_v), z(0.0));
+    assert!(untold > 50.0 && told < 0.2 * untold, "{told} and {untold}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use instruments::clock::{self, TimeMode};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::{Run, folder_of, past};
+use super::{folder_of, past, play::Run};
 use crate::{
     bench::Identified,
     command::Failure,
@@ -40,11 +40,13 @@ impl Run<'_> {
         for source in &self.experiment.sources {
             let name = source.path().file_name().map_or_else(|| "config.toml".into(), |name| name.to_string_lossy());
             let mut copy = format!("config/{}_{name}", folder_of(source.path()));
-            while files.iter().any(|known: &ConfigCopy| known.copy == copy && known.path != source.path()) {
+            let path = std::path::absolute(source.path())?;
+            while files.iter().any(|known: &ConfigCopy| known.copy == copy && known.path != path) {
                 copy.insert_str("config/".len(), "other_");
             }
             self.recorder.text(&copy, source.text())?;
-            files.push(ConfigCopy { path: source.path().to_owned(), copy, sha256: hash::sha256(source.text()) });
+            // From wherever it is gone on with: the state of the bench lies beside its file.
+            files.push(ConfigCopy { path, copy, sha256: hash::sha256(source.text()) });
         }
         let started = Started {
             version: env!("CARGO_PKG_VERSION").to_owned(),

@@ -4,14 +4,15 @@ use std::{path::Path, sync::Arc};
 
 use instruments::clock::{self, TimeMode};
 
-use super::{FINISHED, Run};
+use super::{FINISHED, play::Run};
 use crate::{
     bench::Bench,
     command::Failure,
     config::{Copies, Experiment, Source, resolve_experiment},
+    executor::charge_of,
     hash,
     journal::{self, ConfigCopy, Entry, Read, Started},
-    plan::{Plan, Step},
+    plan::{Plan, Purpose, Stage, Step},
     procedure, reconcile,
     record::Recorder,
     story::{Next, Story},
@@ -33,11 +34,17 @@ pub(super) fn fingerprints(plan: &Plan) -> Vec<String> {
 }
 
 impl Past {
-    /// Reads a run folder: the experiment as it was, and how far it came.
+    /// Reads a run folder: the experiment as it was, and how far it came. `bench` is asked whether the bench may be used, before it is decided where to
+    /// go on.
     ///
     /// # Errors
-    /// A run that is finished; a folder, a configuration or a program that is not what it was; a step that moved a charge that nobody knows.
-    pub(crate) fn read(folder: &Path, accept_charge: bool) -> Result<(Experiment, Self), Failure> {
+    /// A run that is finished; a folder, a configuration or a program that is not what it was; what `bench` says; a step that moved a charge that
+    /// nobody knows.
+    pub(crate) fn read(
+        folder: &Path,
+        accept_charge: bool,
+        bench: impl FnOnce(&Experiment) -> Result<(), Failure>,
+    ) -> Result<(Experiment, Self), Failure> {
         let read = journal::read(folder).map_err(|error| Failure::Usage(error.to_string()))?;
         let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
         let story = Story::of(&read.lines)
@@ -46,6 +53,7 @@ impl Past {
             return Err(usage("expected a run that was interrupted, found one that is finished".to_owned()));
         }
         let experiment = begun_experiment(folder, &story.started)?;
+        bench(&experiment)?;
         let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
         same_plan(&story.started, plan.plan()).map_err(usage)?;
         let index = std::fs::read_to_string(folder.join("traces.json")).unwrap_or_default();
@@ -54,6 +62,8 @@ impl Past {
             Step::Trace(trace) => index.traces.iter().any(|known| known.name == trace.name && known.repeat == trace.repeat),
             _ => false,
         };
+        // A world in virtual time is played again from its beginning: nothing of its charge is unknown.
+        let accept_charge = accept_charge || story.started.time == TimeMode::Virtual.to_string();
         let next = story.next(plan.plan(), recorded, accept_charge).map_err(|stuck| usage(stuck.to_string()))?;
         Ok((experiment, Self { read, story, next }))
     }
@@ -70,6 +80,21 @@ impl Past {
     /// The run began on a simulated bench, or with a correction, of runs before it.
     pub(crate) fn inherited(&self) -> bool {
         self.story.started.inherited
+    }
+
+    /// Charge that traces have left in the cell in the jig since it was brought to a state of charge or taken into use, C.
+    pub(super) fn charge_left_c(&self, recorder: &Recorder, plan: &Plan) -> Result<f64, Failure> {
+        let Some(last) = recorder.index().traces.last() else { return Ok(0.0) };
+        let latest = self.story.latest.and_then(|number| plan.stages.get(number));
+        let same_cell = latest.and_then(Stage::specimen).is_none_or(|specimen| last.cell.as_deref() == Some(specimen.name.as_str()));
+        let resets = |stage: &Stage| matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc);
+        let began = |number: usize| self.story.stages.get(&number).map(|story| story.began_s);
+        let reset = plan.stages.iter().enumerate().filter(|(_, stage)| resets(stage)).filter_map(|(number, _)| began(number));
+        if !same_cell || reset.fold(f64::NEG_INFINITY, f64::max) > last.start_time_s {
+            return Ok(0.0);
+        }
+        let rows = analysis::dataset::read_trace_csv(&recorder.path(&last.file)).map_err(crate::record::RecordError::from)?;
+        Ok(last.charge_before_c + charge_of(&rows))
     }
 
     /// Says in the run folder that the run goes on, and where.
@@ -119,11 +144,17 @@ impl Run<'_> {
 /// # Errors
 /// Another version of the program; a copy that is not what it was.
 pub(crate) fn begun_experiment(folder: &Path, started: &Started) -> Result<Experiment, Failure> {
-    let usage = |path: &Path, text: String| Failure::Usage(format!("{}: {text}", path.display()));
     let version = env!("CARGO_PKG_VERSION");
     if started.version != version {
-        return Err(usage(folder, format!("expected a run of version {version} of this program, found one of {}", started.version)));
+        let text = format!("expected a run of version {version} of this program, found one of {}", started.version);
+        return Err(Failure::Usage(format!("{}: {text}", folder.display())));
     }
+    copied_experiment(folder, started)
+}
+
+/// As [`begun_experiment`], whatever the version of the program.
+pub(super) fn copied_experiment(folder: &Path, started: &Started) -> Result<Experiment, Failure> {
+    let usage = |path: &Path, text: String| Failure::Usage(format!("{}: {text}", path.display()));
     let mut copies = Copies::new();
     for ConfigCopy { path, copy, sha256 } in &started.files {
         let file = folder.join(copy);

@@ -70,6 +70,16 @@ impl ProgramFramer {
         }
     }
 
+    /// The transport marked the end of a message after the last pushed byte; it counts as a terminator, in a block too.
+    pub fn end(&mut self) {
+        self.finish();
+    }
+
+    /// Bytes that are held of a message without end.
+    pub fn held(&self) -> usize {
+        self.buffer.len()
+    }
+
     /// Gives out the next message.
     pub fn pull(&mut self) -> Option<Result<Vec<u8>, FrameError>> {
         self.ready.pop_front()

@@ -191,6 +191,43 @@ fn without_history_the_rest_still_works() {
     assert_eq!(found(&set), expected.map(|(check, run)| (check, run.to_owned())));
 }
 
+/// A cell that ages steadily passes at any rate; the same change all at once, before the last repeat, does not.
+#[test]
+fn steady_ageing_passes_at_any_rate() {
+    let mut steady = campaign(&Hidden { ageing: 0.2, ..Hidden::default() }, 1);
+    if let Some(history) = &mut steady.history {
+        // A bench so good that the change is some thousand standard deviations.
+        (history.resistance_rel, history.eis_noise_rel, history.current_gain_rel) = (1e-4, 1e-4, 1e-4);
+    }
+    let repeats = |set: &DataSet| found(set).into_iter().filter(|(check, _)| *check == Check::Repeats).count();
+    assert_eq!(repeats(&steady), 0, "{:?}", found(&steady));
+    let mut sudden = steady.clone();
+    for nth in 0..2 {
+        let z = points(&mut sudden, &format!("eis_{nth}")).clone();
+        points(&mut sudden, &format!("eis_{}", 1 - nth)).clone_from(&z);
+    }
+    assert!(repeats(&sudden) > 0, "the order of time counts");
+}
+
+/// What a channel shows while nothing flows is noise: repeats of a log at zero current are alike.
+#[test]
+fn logs_without_current_repeat_each_other() {
+    let mut set = campaign(&Hidden::default(), 1);
+    for nth in 0..3u32 {
+        let mut run = set.runs.iter().find(|run| run.name == "pulse_0").unwrap().clone();
+        (run.name, run.repeat_group, run.order) = (format!("zero_{nth}"), "zero".to_owned(), 100 + nth);
+        set.runs.push(run);
+        let s = series(&mut set, &format!("zero_{nth}"));
+        let level_v = s.voltage_v[0];
+        for k in 0..s.current_a.len() {
+            s.current_a[k] = 0.03 * (f64::from(nth + 1) * 12.9898 * (k as f64 + 1.0)).sin();
+            s.voltage_v[k] = level_v;
+        }
+    }
+    let wrong: Vec<_> = found(&set).into_iter().filter(|(check, _)| matches!(check, Check::Repeats | Check::Swapped)).collect();
+    assert!(wrong.is_empty(), "{wrong:?}");
+}
+
 #[test]
 fn refused_data_end_as_invalid() {
     let mut set = campaign(&Hidden::default(), 1);

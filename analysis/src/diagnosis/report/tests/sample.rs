@@ -153,6 +153,7 @@ pub(super) fn ambiguous() -> Diagnosis {
             separates: vec!["self_heating", "soc_resistance"],
             separation_sigma: 36.7,
             separation_now_sigma: 4.1,
+            settles: true,
             duration_min: 14.0,
             charge_ah: 3.3,
         }),

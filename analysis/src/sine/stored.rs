@@ -1,0 +1,121 @@
+//! Samples that are kept elsewhere and read by pieces. Whatever is read gives the same sums as if it had been there as a whole.
+
+use super::moments::CHUNK;
+use super::{Channel, CodeScale, SineError};
+
+/// Samples that are read at once: eight chunks, which is a row group as Parquet writes them.
+const SEGMENT: usize = 8 * CHUNK;
+
+/// Where samples are kept. Channels count from 0.
+pub trait Samples: std::fmt::Debug + Sync {
+    /// Codes of a channel, `count` of them from `start` on.
+    ///
+    /// # Errors
+    /// Why they cannot be read, in words.
+    fn codes(&self, channel: usize, start: usize, count: usize) -> Result<Vec<i16>, String>;
+
+    /// Volts of a channel, `count` of them from `start` on.
+    ///
+    /// # Errors
+    /// Why they cannot be read, in words; samples that are codes.
+    fn volts(&self, channel: usize, start: usize, count: usize) -> Result<Vec<f64>, String> {
+        let _ = (channel, start, count);
+        Err("expected volts, found codes".to_owned())
+    }
+}
+
+/// Samples of one channel that are kept elsewhere, or a part of them.
+#[derive(Debug, Clone, Copy)]
+pub struct Stored<'a> {
+    /// Where they are kept.
+    pub samples: &'a dyn Samples,
+    /// The channel there, from 0.
+    pub channel: usize,
+    /// The first sample of the part.
+    pub start: usize,
+    /// Samples of the part.
+    pub count: usize,
+    /// Codes and what they mean; `None` for volts.
+    pub scale: Option<CodeScale>,
+    /// Step of the quantisation of volts, V.
+    pub lsb_v: Option<f64>,
+    /// A level that is taken from volts before they are summed, V; a sample of them will do.
+    pub level_v: f64,
+}
+
+impl PartialEq for Stored<'_> {
+    fn eq(&self, other: &Self) -> bool {
+        std::ptr::addr_eq(self.samples, other.samples)
+            && (self.channel, self.start, self.count) == (other.channel, other.start, other.count)
+    }
+}
+
+/// A piece of a channel, from sample `base` of it on.
+pub(super) enum Piece<'a> {
+    /// Where it lies.
+    Whole(Channel<'a>),
+    /// As it was read.
+    Codes(Vec<i16>, CodeScale),
+    /// As it was read.
+    Volts(Vec<f64>, Option<f64>),
+}
+
+impl Piece<'_> {
+    /// The piece as a channel of its own.
+    pub(super) fn channel(&self) -> Channel<'_> {
+        match self {
+            Self::Whole(channel) => *channel,
+            Self::Codes(codes, scale) => Channel::codes(codes, *scale),
+            Self::Volts(samples, lsb_v) => Channel::Volts { samples, lsb_v: *lsb_v, range_v: None },
+        }
+    }
+}
+
+impl<'a> Channel<'a> {
+    /// Samples that are read at once; all of them where they lie in memory.
+    pub(super) fn segment(&self) -> usize {
+        if let Self::Stored(_) = self { SEGMENT } else { self.len().max(1) }
+    }
+
+    /// The samples from `start` on, a segment of them and one more for what neighbours have to do with each other.
+    pub(super) fn load(&self, number: usize, start: usize) -> Result<Piece<'a>, SineError> {
+        let Self::Stored(stored) = self else { return Ok(Piece::Whole(*self)) };
+        let count = (SEGMENT + 1).min(stored.count.saturating_sub(start));
+        stored.read(number, start, count)
+    }
+
+    /// One code of a channel of codes.
+    pub(super) fn code(&self, number: usize, index: usize) -> Result<Option<i16>, SineError> {
+        match self {
+            Self::Codes { codes, .. } => Ok(codes.get(index).copied()),
+            Self::Stored(stored) if stored.scale.is_some() => match stored.read(number, index, 1)? {
+                Piece::Codes(codes, _) => Ok(codes.first().copied()),
+                _ => Ok(None),
+            },
+            Self::Volts { .. } | Self::Stored(_) => Ok(None),
+        }
+    }
+
+    /// What the codes mean, if they are.
+    pub(super) fn scale(&self) -> Option<CodeScale> {
+        match self {
+            Self::Codes { scale, .. } => Some(*scale),
+            Self::Stored(stored) => stored.scale,
+            Self::Volts { .. } => None,
+        }
+    }
+}
+
+impl Stored<'_> {
+    fn read<'b>(&self, number: usize, start: usize, count: usize) -> Result<Piece<'b>, SineError> {
+        let failed = |reason| SineError::Unreadable { channel: number, reason };
+        let short = |found: usize| failed(format!("expected {count} samples from sample {} on, found {found}", self.start + start));
+        let from = self.start + start;
+        let piece = match self.scale {
+            Some(scale) => Piece::Codes(self.samples.codes(self.channel, from, count).map_err(failed)?, scale),
+            None => Piece::Volts(self.samples.volts(self.channel, from, count).map_err(failed)?, self.lsb_v),
+        };
+        let found = piece.channel().len();
+        if found == count { Ok(piece) } else { Err(short(found)) }
+    }
+}

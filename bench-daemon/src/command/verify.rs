@@ -1,0 +1,121 @@
+//! `eis-bench verify`: is a run folder what it was, and do its numbers follow from its captures?
+//!
+//! First every file is held against its hash; then everything that follows from captures and readings is computed anew, in a folder of its own, and
+//! held against what is stored, file by file and number by number. Nothing is changed in the run folder.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use rayon::prelude::*;
+
+use super::{
+    Failure,
+    replay::{Scratch, run_folders},
+    run::Recorded,
+};
+use crate::{
+    compare::{Difference, compare},
+    sums::{self, Altered, SUMS},
+    terminal::say,
+};
+
+/// What is kept in a folder only as it was read: no capture tells it anew.
+const AS_READ: [&str; 7] = ["journal.jsonl", "events.csv", "readings.csv", "traces.json", "captures", "transcripts", "log.txt"];
+
+/// Arguments of `verify`.
+#[derive(Debug, Args)]
+pub struct VerifyArgs {
+    /// Run folders, or folders of run folders.
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+}
+
+/// Verifies runs.
+///
+/// # Errors
+/// A run that is not what it was, or cannot be read.
+pub fn verify(args: &VerifyArgs) -> Result<(), Failure> {
+    let mut bad = 0;
+    for folder in run_folders(&args.runs)? {
+        bad += usize::from(!of_run(&folder)?);
+    }
+    if bad == 0 { Ok(()) } else { Err(Failure::Differs(format!("{bad} of the run folders are not what they should be"))) }
+}
+
+fn of_run(folder: &Path) -> Result<bool, Failure> {
+    let name = folder.display();
+    let altered = if folder.join(SUMS).exists() {
+        let (files, altered) = sums::check(folder).map_err(|error| Failure::Usage(error.to_string()))?;
+        say!("{name}: {files} files held against {SUMS}: {}", counted(altered.len(), "as they were", "altered"));
+        altered
+    } else {
+        say!("{name}: no {SUMS}: the run did not end, or is of a version before there were any");
+        vec![Altered { file: SUMS.to_owned(), what: "missing".to_owned() }]
+    };
+    altered.iter().for_each(|one| say!("  {}: {}", one.file, one.what));
+    let differences = match recomputed(folder) {
+        Ok(differences) => differences,
+        // What was altered may be what is needed.
+        Err(failure) if !altered.is_empty() => {
+            say!("{name}: nothing was recomputed: {failure}");
+            return Ok(false);
+        }
+        Err(failure) => return Err(failure),
+    };
+    differences.iter().for_each(|one| say!("  {}: {}", one.file, one.what));
+    Ok(altered.is_empty() && differences.is_empty())
+}
+
+fn counted(count: usize, none: &str, some: &str) -> String {
+    if count == 0 { format!("all {none}") } else { format!("{count} {some}") }
+}
+
+/// Everything again, from the captures on.
+fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
+    let recorded = Recorded::read(folder)?;
+    let known = recorded.points()?;
+    let again = recorded.analyse(&known)?;
+    let mut differences = Vec::new();
+    for (known, again) in known.iter().zip(&again).filter(|(known, again)| known.point != again.point) {
+        let what = format!("the journal's point at {} Hz differs from what this capture gives", known.point.phasors.freq_hz);
+        differences.push(Difference { file: again.file.clone(), what });
+    }
+    let scratch = Scratch::new("verify")?;
+    let points = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
+    recorded.settle(points, scratch.path(), true)?;
+    let files = made(scratch.path(), Path::new(""))?;
+    let compared: Vec<Vec<Difference>> = files
+        .par_iter()
+        .map(|file| match compare(folder, scratch.path(), file) {
+            Err(_) => vec![Difference { file: file.clone(), what: "cannot be read, and follows from the captures".to_owned() }],
+            Ok(differences) => differences,
+        })
+        .collect();
+    differences.extend(compared.into_iter().flatten());
+    let numbers = if differences.is_empty() { "every number as stored".to_owned() } else { format!("{} differences", differences.len()) };
+    say!("{}: {} points and {} files recomputed from captures: {numbers}", folder.display(), known.len(), files.len());
+    if !differences.is_empty() && recorded.version() != env!("CARGO_PKG_VERSION") {
+        say!("  recorded by version {}, recomputed by {}", recorded.version(), env!("CARGO_PKG_VERSION"));
+    }
+    Ok(differences)
+}
+
+/// Files of a folder that were computed: not what was only read, nor links to it.
+fn made(folder: &Path, below: &Path) -> Result<Vec<String>, Failure> {
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder.join(below))? {
+        let entry = entry?;
+        let name = below.join(entry.file_name()).display().to_string();
+        let kind = entry.file_type()?;
+        if AS_READ.contains(&name.as_str()) || kind.is_symlink() {
+            continue;
+        }
+        if kind.is_dir() {
+            files.extend(made(folder, Path::new(&name))?);
+        } else {
+            files.push(name);
+        }
+    }
+    files.sort_unstable();
+    Ok(files)
+}

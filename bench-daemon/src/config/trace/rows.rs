@@ -1,0 +1,114 @@
+//! The rows of a trace: typed as segments, or from a file of one of three kinds.
+
+use analysis::forward::{Demand, Interpolation, Profile, ReadOptions};
+
+use super::{
+    super::{ConfigError, Source, check::Check, raw},
+    Segment,
+};
+
+/// A current or a power for a while, as it was asked for; charge positive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Row {
+    /// A or W.
+    pub(super) value: f64,
+    /// It is a power.
+    pub(super) power: bool,
+    /// How long, s.
+    pub(super) duration_s: f64,
+}
+
+impl Row {
+    /// The current that it takes at a voltage of the cell, A.
+    pub(super) fn current_a(&self, volts: f64) -> f64 {
+        if self.power { self.value / volts } else { self.value }
+    }
+
+    /// A power at worst: the current that it takes at the least voltage.
+    pub(super) fn segment(&self, least_v: f64) -> Segment {
+        Segment { current_a: self.current_a(least_v), duration_s: self.duration_s, power_w: self.power.then_some(self.value) }
+    }
+}
+
+impl Check<'_> {
+    /// The rows, and the file that they come from.
+    pub(super) fn rows(&self, raw: &raw::Trace) -> Result<(Vec<Row>, Option<Source>), ConfigError> {
+        let field = |part: &str| format!("traces.{}.{part}", raw.name);
+        let (part, mut rows, source) = match (&raw.segments, &raw.file, &raw.pulses) {
+            (None, None, Some(pulses)) => ("pulses", self.pulses(&field("pulses"), pulses)?, None),
+            (Some(list), None, None) => {
+                let row = |raw: &raw::Segment| match (raw.current, raw.power) {
+                    (Some(current), None) => Ok(Row { value: current.si, power: false, duration_s: raw.duration.si }),
+                    (None, Some(power)) => Ok(Row { value: power.si, power: true, duration_s: raw.duration.si }),
+                    _ => Err(self.complain(&field("segments"), "expected a current or a power, and not both")),
+                };
+                ("segments", list.iter().map(row).collect::<Result<Vec<_>, _>>()?, None)
+            }
+            (None, Some(file), None) => {
+                let source =
+                    self.source.open(&self.source.relative(file)).map_err(|error| self.complain(&field("file"), error.to_string()))?;
+                ("file", table(&source)?, Some(source))
+            }
+            _ => {
+                return Err(
+                    self.complain(&field("segments"), "expected segments or a file of them, and not both, or pulses in their place")
+                );
+            }
+        };
+        if rows.is_empty() {
+            return Err(self.complain(&field(part), "expected at least one segment, found none"));
+        }
+        let scale = self.within(&field("scale"), raw.scale.unwrap_or(1.0), (-1.0e3, 1.0e3), "(factor)")?;
+        rows.iter_mut().for_each(|row| row.value *= scale);
+        Ok((rows, source))
+    }
+
+    /// Each amplitude out of the cell and into it, with a relaxation behind either.
+    fn pulses(&self, field: &str, raw: &raw::Pulses) -> Result<Vec<Row>, ConfigError> {
+        let row = |value: f64, duration_s: f64| Row { value, power: false, duration_s };
+        let mut rows = Vec::new();
+        for amplitude in &raw.amplitudes {
+            let amps = self.within(&format!("{field}.amplitudes"), amplitude.si, (1.0e-3, 1.0e3), "A")?;
+            for current_a in [-amps, amps] {
+                rows.extend([row(current_a, raw.duration.si), row(0.0, raw.relaxation.si)]);
+            }
+        }
+        Ok(rows)
+    }
+}
+
+/// Rows of current or power (charge positive) and duration under the header `current_a,duration_s` or `power_w,duration_s`; else a profile over time as
+/// `simulate` reads it, which counts discharge as positive.
+fn table(source: &Source) -> Result<Vec<Row>, ConfigError> {
+    const HEADERS: [&str; 2] = ["current_a,duration_s", "power_w,duration_s"];
+    let complain =
+        |line: usize, reason: String| ConfigError::Field { path: source.path().to_owned(), line, field: HEADERS[0].to_owned(), reason };
+    let mut lines = source.text().lines().enumerate().map(|(index, line)| (index + 1, line.trim()));
+    let found = lines.next().map_or("", |(_, line)| line);
+    let Some(header) = HEADERS.iter().position(|header| *header == found) else {
+        return profile(source).map_err(|reason| {
+            let (first, second) = (HEADERS[0], HEADERS[1]);
+            complain(1, format!("expected the header {first} or {second}, found {found:?}; nor is it a profile over time: {reason}"))
+        });
+    };
+    let row = |(line, text): (usize, &str)| {
+        let numbers = text.split_once(',').and_then(|(a, b)| Some((a.trim().parse::<f64>().ok()?, b.trim().parse::<f64>().ok()?)));
+        let (value, duration_s) = numbers.ok_or_else(|| complain(line, format!("expected two numbers, found {text:?}")))?;
+        Ok(Row { value, power: header == 1, duration_s })
+    };
+    lines.filter(|(_, text)| !text.is_empty()).map(row).collect()
+}
+
+/// Each row holds until the next; the last only says when the profile ends.
+fn profile(source: &Source) -> Result<Vec<Row>, String> {
+    let options = ReadOptions { demand: None, interpolation: Interpolation::Hold, charge_positive: false };
+    let text = source.text().trim_start_matches('\u{feff}');
+    let profile = Profile::parse((source.path(), "profile"), text, &options).map_err(|error| error.to_string())?;
+    let power = match profile.demand {
+        Demand::Power => true,
+        Demand::Current => false,
+        Demand::Resistance => return Err("expected powers or currents, found resistances of a load".to_owned()),
+    };
+    let held = profile.time_s.windows(2).zip(&profile.value);
+    Ok(held.map(|(pair, value)| Row { value: 0.0 - value, power, duration_s: pair[1] - pair[0] }).collect())
+}

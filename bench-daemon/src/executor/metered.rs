@@ -1,0 +1,213 @@
+//! A trace through DC load and DC supply: the load draws what is negative, at constant current or constant power, the supply charges what is positive; where
+//! nothing is to flow both are off. Their own meters record, just before a step, just after it and every second between: a row is as late as its reading.
+
+use analysis::dataset::TraceRow;
+use instruments::{
+    load::{Discharge, Draw},
+    supply::Charge,
+    units::{Amps, Volts, Watts},
+};
+
+use super::{
+    ExecuteError, Executor, POLL_S,
+    dc::follows,
+    require,
+    trace::{Recorded, Zero},
+};
+use crate::{
+    interlock::Reading,
+    plan::{Level, TracePlan},
+};
+
+/// The supply holds this much less than the cell's greatest voltage, V.
+pub(super) const BELOW_GREATEST_V: f64 = 0.005;
+/// So near to its limit, V, the supply's current may fall.
+const NEAR_LIMIT_V: f64 = 0.1;
+/// The last reading before a step is begun this long before it, s.
+const READING_S: f64 = 0.15;
+/// A row is the mean of one reading.
+const ONE: f64 = 1.0;
+
+/// What is switched on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Flowing {
+    Nothing,
+    /// The load, as it was prepared.
+    Load {
+        power: bool,
+    },
+    Supply,
+}
+
+/// A trace in work.
+struct Work<'a> {
+    trace: &'a TracePlan,
+    origin_s: f64,
+    flowing: Flowing,
+    /// How the load was prepared last.
+    power: Option<bool>,
+    level: Level,
+    /// Readings since the last step.
+    polls: u32,
+    recorded: Recorded,
+}
+
+impl Executor<'_> {
+    pub(super) async fn load_and_supply(&mut self, trace: &TracePlan, zero: Zero) -> Result<(), ExecuteError> {
+        let nothing = Level { at_s: 0.0, current_a: 0.0, power_w: None };
+        let squares = [zero.scatter.1.powi(2), zero.scatter.0.powi(2)];
+        let recorded = Recorded { frames: 1, squares, ..Recorded::default() };
+        let mut work = Work { trace, origin_s: 0.0, flowing: Flowing::Nothing, power: None, level: nothing, polls: 0, recorded };
+        self.ready(&mut work).await?;
+        work.origin_s = self.clock.now_s();
+        self.metered_row(&mut work).await?;
+        for level in &trace.levels {
+            self.read_until(&mut work, level.at_s).await?;
+            work.recorded.steps_s.push(self.clock.now_s() - work.origin_s);
+            self.flow(&mut work, *level).await?;
+            self.metered_row(&mut work).await?;
+        }
+        let end_s = self.clock.now_s() - work.origin_s + POLL_S;
+        self.read_until(&mut work, end_s).await?;
+        self.metered_row(&mut work).await?;
+        let Work { origin_s, recorded, .. } = work;
+        self.finish_trace(trace, &zero, (origin_s, recorded))
+    }
+
+    /// Programs the limits beforehand, so that a step is one message.
+    async fn ready(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
+        if let Some(first) = work.trace.levels.iter().find(|level| level.current_a < 0.0) {
+            self.prepare_load(work, first.power_w.is_some()).await?;
+        }
+        let greatest_a = work.trace.extremes_a().1;
+        if greatest_a > 0.0 {
+            let voltage = Volts(self.experiment.cell.limits.max_v - BELOW_GREATEST_V);
+            let error = self.bench.error("supply");
+            let charge = Charge { voltage, current: Amps(greatest_a) };
+            require(&mut self.bench.supply, "supply")?.prepare(&charge).await.map_err(error)?;
+        }
+        Ok(())
+    }
+
+    async fn prepare_load(&mut self, work: &mut Work<'_>, power: bool) -> Result<(), ExecuteError> {
+        let greatest =
+            |of: fn(&Level) -> Option<f64>| work.trace.levels.iter().filter_map(of).fold(0.0, |most: f64, value| most.max(-value));
+        let draw = if power {
+            Draw::Power(Watts(greatest(|level| level.power_w)))
+        } else {
+            Draw::Current(Amps(greatest(|level| level.power_w.is_none().then_some(level.current_a))))
+        };
+        let error = self.bench.error("load");
+        let stop_below = Volts(self.experiment.cell.limits.min_v);
+        require(&mut self.bench.load, "load")?.prepare(&Discharge { draw, stop_below }).await.map_err(error)?;
+        work.power = Some(power);
+        Ok(())
+    }
+
+    /// Makes a level flow: what is on and not wanted goes off first.
+    async fn flow(&mut self, work: &mut Work<'_>, level: Level) -> Result<(), ExecuteError> {
+        let power = level.power_w.is_some();
+        let wanted = match level.current_a {
+            amps if amps < 0.0 => Flowing::Load { power },
+            amps if amps > 0.0 => Flowing::Supply,
+            _ => Flowing::Nothing,
+        };
+        if wanted != work.flowing {
+            self.end_flow(work).await?;
+        }
+        match wanted {
+            Flowing::Nothing => {}
+            Flowing::Load { power } => {
+                if work.power != Some(power) {
+                    self.prepare_load(work, power).await?;
+                }
+                let draw = level.power_w.map_or(Draw::Current(Amps(-level.current_a)), |watts| Draw::Power(Watts(-watts)));
+                let error = self.bench.error("load");
+                let load = require(&mut self.bench.load, "load")?;
+                load.level(draw).await.map_err(&error)?;
+                if work.flowing != wanted {
+                    load.energise().await.map_err(error)?;
+                }
+            }
+            Flowing::Supply => {
+                let amps = if power { level.at_a(self.load_volts().await?.0) } else { level.current_a };
+                let error = self.bench.error("supply");
+                let supply = require(&mut self.bench.supply, "supply")?;
+                supply.level(Amps(amps)).await.map_err(&error)?;
+                if work.flowing != wanted {
+                    supply.energise().await.map_err(error)?;
+                }
+                work.level = Level { current_a: amps, ..level };
+            }
+        }
+        if wanted != Flowing::Supply {
+            work.level = level;
+        }
+        (work.flowing, work.polls) = (wanted, 0);
+        Ok(())
+    }
+
+    async fn end_flow(&mut self, work: &Work<'_>) -> Result<(), ExecuteError> {
+        match work.flowing {
+            Flowing::Nothing => Ok(()),
+            Flowing::Load { .. } => {
+                let error = self.bench.error("load");
+                Ok(require(&mut self.bench.load, "load")?.safe().await.map_err(error)?)
+            }
+            Flowing::Supply => {
+                let error = self.bench.error("supply");
+                Ok(require(&mut self.bench.supply, "supply")?.safe().await.map_err(error)?)
+            }
+        }
+    }
+
+    /// Reads every second up to a test time, the last time just before it.
+    async fn read_until(&mut self, work: &mut Work<'_>, at_s: f64) -> Result<(), ExecuteError> {
+        let until_s = work.origin_s + at_s;
+        while until_s - self.clock.now_s() > POLL_S + READING_S {
+            self.clock.sleep_s(POLL_S).await;
+            self.metered_row(work).await?;
+        }
+        self.clock.sleep_s((until_s - READING_S - self.clock.now_s()).max(0.0)).await;
+        self.metered_row(work).await?;
+        self.clock.sleep_s((until_s - self.clock.now_s()).max(0.0)).await;
+        Ok(())
+    }
+
+    /// One reading, judged, held against what was commanded, and kept. The supply has no sense leads: the load's see the cell itself.
+    async fn metered_row(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
+        let temperature_c = self.temperature_now_and_then().await?;
+        let began_s = self.clock.now_s();
+        let (volts, drawn_a) = self.load_volts().await?;
+        let current_a = match work.flowing {
+            // What the meters show is their zero error.
+            Flowing::Nothing => 0.0,
+            Flowing::Load { .. } => -drawn_a,
+            Flowing::Supply => {
+                let error = self.bench.error("supply");
+                require(&mut self.bench.supply, "supply")?.measure().await.map_err(error)?.1.value()
+            }
+        };
+        let now_s = self.clock.now_s();
+        let shown_a = if work.flowing == Flowing::Nothing { -drawn_a } else { current_a };
+        self.judge("trace", Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(shown_a), temperature_c })?;
+        work.polls += 1;
+        match work.flowing {
+            Flowing::Nothing => {}
+            Flowing::Load { .. } => {
+                let asked_a = work.level.power_w.map_or(-work.level.current_a, |watts| -watts / volts);
+                follows("load", work.polls, asked_a, drawn_a)?;
+            }
+            Flowing::Supply => {
+                if volts < self.experiment.cell.limits.max_v - BELOW_GREATEST_V - NEAR_LIMIT_V {
+                    follows("supply", work.polls, work.level.current_a, current_a)?;
+                }
+            }
+        }
+        // What the leads drop is not the cell's.
+        let voltage_v = volts - work.trace.lead_ohm * current_a;
+        let (time_s, temperature_c) = (0.5 * (began_s + now_s) - work.origin_s, self.last_c.unwrap_or(f64::NAN));
+        work.recorded.rows.push(TraceRow { time_s, current_a, voltage_v, temperature_c, samples: ONE });
+        Ok(())
+    }
+}

@@ -1,0 +1,150 @@
+//! One record of a sinusoid to a point of a sweep. Pure: the same samples give the same point, whether they have just come from the scope or are read
+//! from a run folder, years later.
+
+use analysis::{
+    sine::{self, Channel, Distortion, FitOptions, LeftOut, Note, Record, SineFit},
+    spectrum::ChannelPhasors,
+};
+use instruments::{mock::plant::Fixture, scope::Waveform};
+
+use super::{ExecuteError, SweepPoint, beside::beside};
+use crate::{
+    quality::{Failing, measure},
+    record::code_scale,
+};
+
+/// Fewest periods that a record must hold.
+const MIN_RECORD_PERIODS: f64 = 2.0;
+/// Harmonics that are fitted besides the sinusoid: a cell, a supply or an amplifier driven too far shows in these first.
+const HARMONICS: [u32; 2] = [2, 3];
+/// Distortion from which on a point is noted, as a share.
+const MUCH_DISTORTION: f64 = 0.01;
+/// Standard deviations from which on distortion is no noise.
+const CERTAIN: f64 = 5.0;
+/// Harmonics of the mains that are fitted, its own frequency included.
+const MAINS_ORDERS: u32 = 3;
+/// How far a free fit may find the frequency from the one that was set.
+const FREQ_TOLERANCE: f64 = 2.0e-3;
+
+/// What a record was taken of.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Asked {
+    pub(crate) fixture: Fixture,
+    pub(crate) index: usize,
+    pub(crate) freq_hz: f64,
+    pub(crate) mains_hz: Option<f64>,
+}
+
+/// A record of the four channels, wherever its samples are.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Taken<'a> {
+    pub(crate) channels: [Channel<'a>; 4],
+    pub(crate) interval_s: f64,
+    pub(crate) volts_per_div: [f64; 4],
+    /// Step of the quantisation, V.
+    pub(crate) lsb_v: [f64; 4],
+}
+
+impl<'a> Taken<'a> {
+    /// What the scope has just handed over.
+    pub(crate) fn of(waveforms: &'a [Waveform; 4]) -> Self {
+        Self {
+            channels: waveforms.each_ref().map(|waveform| Channel::codes(&waveform.codes, code_scale(waveform))),
+            interval_s: waveforms[0].interval_s,
+            volts_per_div: waveforms.each_ref().map(|waveform| waveform.preamble.volts_per_div),
+            lsb_v: waveforms.each_ref().map(|waveform| f64::from(waveform.preamble.code_step) * waveform.preamble.volts_per_code),
+        }
+    }
+}
+
+/// The point that a record gives; what only the run knows of it is left to the caller.
+pub(crate) fn analyse(asked: &Asked, taken: &Taken<'_>, mut warnings: Vec<String>) -> Result<SweepPoint, ExecuteError> {
+    let Asked { fixture, index, freq_hz, mains_hz } = *asked;
+    let fail = |reason: String| ExecuteError::Signal { freq_hz, reason };
+    let interval_s = taken.interval_s;
+    let record = Record { channels: &taken.channels, interval_s };
+    let periods = interval_s * taken.channels[0].len() as f64 * freq_hz;
+    if periods < MIN_RECORD_PERIODS {
+        let reason =
+            format!("expected a record of at least {MIN_RECORD_PERIODS} periods, found {periods:.2}: does the scope's time run as ours?");
+        return Err(fail(reason));
+    }
+    let mut options = FitOptions { harmonics: HARMONICS.to_vec(), ..FitOptions::default() };
+    if let Some(mains_hz) = mains_hz {
+        options = options.with_mains(mains_hz, MAINS_ORDERS);
+    }
+    let fit = sine::fit_known_frequency(&record, freq_hz, &options).map_err(|error| fail(error.to_string()))?;
+    let free = sine::fit_free_frequency(&record, Some(freq_hz), &options).map_err(|error| fail(error.to_string()))?;
+    if (free.freq_hz / freq_hz - 1.0).abs() > FREQ_TOLERANCE {
+        // A scope that was not triggered may still hold the frame of an earlier point.
+        let reason = format!("a fit with free frequency finds {:.6} Hz in the record: is it an older one?", free.freq_hz);
+        return Err(fail(reason));
+    }
+    warnings.extend(remarks(&fit));
+    let residual_lag1 = fit.channels.iter().map(|channel| channel.residual_lag1).fold(0.0, f64::max);
+    let phasors = ChannelPhasors::from_codes(&fit, taken.lsb_v).map_err(|error| fail(error.to_string()))?;
+    let beside = beside(&record, freq_hz);
+    let clipped = fit.channels.iter().map(|channel| channel.clipped_samples as f64 / fit.samples as f64).fold(0.0, f64::max);
+    let measures = measure(&record, (&phasors, &beside), clipped);
+    Ok(SweepPoint {
+        fixture,
+        index,
+        phasors,
+        volts_per_div: taken.volts_per_div,
+        free_freq_hz: free.freq_hz,
+        residual_lag1,
+        beside,
+        warnings,
+        time_s: 0.0,
+        captures: 1,
+        rechecked: 0,
+        spent: super::Spent::default(),
+        measures,
+        failing: Vec::<Failing>::new(),
+    })
+}
+
+/// What is odd about a fit, in words. Harmonics and mains beyond half the sampling rate are no news, nor is a mains of less than a period in the
+/// record of a fast sinusoid: there it is drift.
+fn remarks(fit: &SineFit) -> Vec<String> {
+    let known = |note: &&Note| !matches!(note, Note::LeftOut { why: LeftOut::AboveNyquist { .. } | LeftOut::TooSlow { .. }, .. });
+    let mut remarks: Vec<String> = fit.notes.iter().filter(known).map(Note::to_string).collect();
+    for channel in 0..fit.channels.len() {
+        if let Some(Distortion { thd, sigma }) = fit.distortion(channel)
+            && thd > MUCH_DISTORTION.max(CERTAIN * sigma)
+        {
+            remarks.push(format!("channel {}: {:.1} % of distortion by harmonics {HARMONICS:?}", channel + 1, 100.0 * thd));
+        }
+    }
+    remarks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Codes of a sinusoid of 40 periods with a second harmonic, rounded, on a range of 12 bits.
+    fn codes(amplitude: f64, second: f64, dither: f64) -> Vec<i16> {
+        let value = |n: u32| {
+            let theta = std::f64::consts::TAU * 0.0101 * f64::from(n);
+            // A stride without a period takes the place of noise.
+            amplitude * (theta.cos() + second * (2.0 * theta).cos()) + dither * ((f64::from(n) * 0.618_034).fract() - 0.5)
+        };
+        (0..4000).map(|n| value(n).round() as i16).collect()
+    }
+
+    #[test]
+    fn distortion_and_quantisation_are_remarked_and_a_good_record_is_not() {
+        let scale = sine::CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047, code_step: 1 };
+        let said = |codes: &[i16]| {
+            let channels = [Channel::codes(codes, scale)];
+            let options = FitOptions { harmonics: HARMONICS.to_vec(), ..FitOptions::default() };
+            let fit = sine::fit_known_frequency(&Record { channels: &channels, interval_s: 1e-3 }, 10.1, &options);
+            remarks(&fit.unwrap_or_else(|error| panic!("{error}")))
+        };
+        assert_eq!(said(&codes(1000.0, 0.0, 3.0)), [""; 0]);
+        assert_eq!(said(&codes(1000.0, 0.03, 3.0)), ["channel 1: 3.0 % of distortion by harmonics [2, 3]"]);
+        let coarse = said(&codes(1.6, 0.0, 0.0));
+        assert!(coarse[0].starts_with("channel 1: ") && coarse[0].contains("LSB of noise are too few"), "{coarse:?}");
+    }
+}

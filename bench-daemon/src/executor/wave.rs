@@ -1,0 +1,209 @@
+//! A trace as one wave in the generator's memory, which the bipolar supply follows: steps of milliseconds, which no message could command. Nothing flows before and
+//! behind it within its period; in the pause behind it the least sine takes its place, before it would come again. Meanwhile the interlock reads as ever, and what
+//! the scope has recorded of every step is judged afterwards.
+//!
+//! A power becomes a current by the voltage at rest: a wave cannot follow the voltage. What power flowed stands in the file.
+
+use analysis::{
+    dataset::{Capture, TraceRow},
+    staircase::{Stair, Sums, begins, chunks},
+};
+use instruments::{
+    generator::Wave,
+    mock::plant::Fixture,
+    units::{Hertz, Volts},
+};
+
+use super::{
+    ExecuteError, Executor, require,
+    trace::{Recorded, SETTLE_S, Zero, disobeyed, obeys},
+};
+use crate::{
+    config::AFTER_WAVE_S,
+    interlock::{self, Reading},
+    plan::TracePlan,
+};
+
+/// For the scope to fill its screen, s.
+const FILL_S: f64 = 0.05;
+/// The wave begins this near to its last message, s.
+const REACH_S: f64 = 0.45;
+/// Share of a step that is left out at its end, for its edges are known to a sample only.
+const GUARD: f64 = 0.06;
+/// Share of a step that the supply may take to settle.
+const SETTLE: f64 = 0.3;
+/// Behind the wave rows are made of this share of the time that the scope looks on.
+const TAIL: f64 = 0.8;
+/// Each half of a wave must hold this share of its squares for the clocks to be compared.
+const SHARE: f64 = 0.1;
+/// The name of the wave in the generator.
+const NAME: &str = "trace";
+
+/// Where a wave lies in its record.
+struct Place {
+    /// Its beginning, s.
+    begin_s: f64,
+    /// Length of a step by the scope's clock, s.
+    step_s: f64,
+}
+
+impl Executor<'_> {
+    pub(super) async fn wave_trace(
+        &mut self,
+        (trace, zero): (&TracePlan, Zero),
+        (step_s, steps): (f64, usize),
+    ) -> Result<(), ExecuteError> {
+        let Some(frame) = trace.frames.first().copied() else { return Err(disobeyed(&trace.name, "a frame", "none")) };
+        let end_s = trace.levels.last().map_or(0.0, |level| level.at_s);
+        let currents = currents(trace, (step_s, zero.ocv_v));
+        self.arm(&frame).await?;
+        // What the screen holds more than the wave passes before it.
+        self.wait_watching((frame.span_s - end_s - AFTER_WAVE_S).max(0.0) + FILL_S, Fixture::Cell).await?;
+        let step_s = self.play_trace(&currents, (step_s, steps)).await?;
+        let began_s = self.clock.now_s();
+        self.wait_watching(end_s + AFTER_WAVE_S, Fixture::Cell).await?;
+        let frozen_s = self.freeze().await?;
+        let offset = Volts(self.experiment.bench.wiring.command_offset_v);
+        let error = self.bench.error("generator");
+        require(&mut self.bench.generator, "generator")?.quiet(offset).await.map_err(error)?;
+        let (capture, start_s) = self.download((&frame, frozen_s), (trace, "wave")).await?;
+        let place = place(&self.shunt_current(&capture, &zero), &Stair { values: &currents, step_s }, began_s - start_s);
+        let recorded = self.rows_of_wave((trace, &zero), (&capture, &currents), &place)?;
+        self.tell_energy(trace, &zero, &recorded.rows)?;
+        self.finish_trace(trace, &zero, (start_s + place.begin_s, recorded))
+    }
+
+    /// Loads the wave and plays it; says how long a step lasts in truth, s.
+    async fn play_trace(&mut self, currents: &[f64], (step_s, steps): (f64, usize)) -> Result<f64, ExecuteError> {
+        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.experiment.bench.wiring;
+        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
+        let peak_a = currents.iter().fold(f64::MIN_POSITIVE, |peak, amps| peak.max(amps.abs()));
+        let offset = Volts(wiring.command_offset_v);
+        let amplitude = Volts(peak_a * volts_per_amp * wiring.command_trim);
+        let error = self.bench.error("generator");
+        let generator = require(&mut self.bench.generator, "generator")?;
+        let grid_hz = generator.capabilities().freq_step.value();
+        let freq_hz = (1.0 / (step_s * steps as f64) / grid_hz).round() * grid_hz;
+        let mut shape: Vec<f64> = currents.iter().map(|amps| amps / peak_a).collect();
+        shape.resize(steps, 0.0);
+        generator.quiet(offset).await.map_err(&error)?;
+        generator.wave(&Wave { name: NAME.to_owned(), steps: shape, freq: Hertz(freq_hz), amplitude, offset }).await.map_err(&error)?;
+        Ok(1.0 / (freq_hz * steps as f64))
+    }
+
+    /// The record's current by the shunt alone, A.
+    fn shunt_current(&self, capture: &Capture, zero: &Zero) -> Sums {
+        let [low, high] = [0, 1].map(|channel: usize| capture.meta.channels[channel].scale);
+        let (off_v, r_ohm) = (zero.volts[1] - zero.volts[0], self.experiment.bench.wiring.shunt.r_ohm);
+        let samples = capture.codes[0].iter().zip(&capture.codes[1]);
+        Sums::of(samples.map(|(a, b)| (high.volts(*b) - low.volts(*a) - off_v) / r_ohm), capture.meta.interval_s)
+    }
+
+    /// A row per step, judged as any reading.
+    fn rows_of_wave(
+        &self,
+        (trace, zero): (&TracePlan, &Zero),
+        (capture, currents): (&Capture, &[f64]),
+        place: &Place,
+    ) -> Result<Recorded, ExecuteError> {
+        let interval_s = capture.meta.interval_s;
+        let sums: Vec<Sums> = (0..4)
+            .map(|channel| {
+                let scale = capture.meta.channels[channel].scale;
+                Sums::of(capture.codes[channel].iter().map(|code| scale.volts(*code) - zero.volts[channel]), interval_s)
+            })
+            .collect();
+        let mut values = currents.to_vec();
+        values.resize(values.len() + (TAIL * AFTER_WAVE_S / place.step_s) as usize, 0.0);
+        let (_, growth, longest_s) = trace.thinning;
+        let settle_s = SETTLE_S.min(SETTLE * place.step_s);
+        let mut recorded = Recorded { frames: 1, squares: self.scatter_before(capture, (place, currents)), ..Recorded::default() };
+        for chunk in chunks(&values, growth, (longest_s / place.step_s) as usize) {
+            let from_s = place.begin_s + chunk.from as f64 * place.step_s + settle_s;
+            let to_s = place.begin_s + chunk.to as f64 * place.step_s - GUARD * place.step_s;
+            let means: Vec<(f64, usize)> = sums.iter().filter_map(|sums| sums.mean(from_s, to_s)).collect();
+            let [first, second, third, fourth] = means.as_slice() else { continue };
+            let (current_a, change_v) = self.correction.direct([first.0, second.0, third.0, fourth.0]);
+            let time_s = 0.5 * (from_s + to_s) - place.begin_s;
+            let voltage_v = zero.ocv_v + change_v;
+            let reading = Reading { time_s, voltage_v: Some(voltage_v), current_a: Some(current_a), temperature_c: None };
+            if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
+                return Err(trip.into());
+            }
+            obeys(&trace.name, values[chunk.from], (current_a, time_s))?;
+            let temperature_c = self.last_c.unwrap_or(f64::NAN);
+            recorded.rows.push(TraceRow { time_s, current_a, voltage_v, temperature_c, samples: first.1 as f64 });
+        }
+        let flows = |(_, amps): &(usize, &f64)| **amps != 0.0;
+        let ends = [currents.iter().enumerate().find(flows), currents.iter().enumerate().rev().find(flows)];
+        recorded.steps_s = ends.iter().flatten().enumerate().map(|(k, (index, _))| (index + k) as f64 * place.step_s).collect();
+        Ok(recorded)
+    }
+
+    /// Squares of the scatters of one sample of current and voltage before anything flows, A² and V².
+    fn scatter_before(&self, capture: &Capture, (place, currents): (&Place, &[f64])) -> [f64; 2] {
+        let still = currents.iter().take_while(|amps| **amps == 0.0).count() as f64 * place.step_s;
+        let index = |time_s: f64| ((time_s / capture.meta.interval_s).max(0.0) as usize).min(capture.codes[0].len());
+        let range = index(place.begin_s)..index(place.begin_s + (1.0 - GUARD) * still);
+        let square = |low: usize, high: usize| {
+            let volts = |channel: usize, k: usize| capture.meta.channels[channel].scale.volts(capture.codes[channel][k]);
+            let (mut sum, mut squares) = (0.0, 0.0);
+            let first = range.clone().next().map_or(0.0, |k| volts(high, k) - volts(low, k));
+            for k in range.clone() {
+                let change = volts(high, k) - volts(low, k) - first;
+                (sum, squares) = (sum + change, squares + change * change);
+            }
+            let count = range.len() as f64;
+            (squares - sum * sum / count) / (count - 1.0)
+        };
+        [square(0, 1) / self.experiment.bench.wiring.shunt.r_ohm.powi(2), square(2, 3)]
+    }
+
+    /// What flowed against what was asked for.
+    fn tell_energy(&mut self, trace: &TracePlan, zero: &Zero, rows: &[TraceRow]) -> Result<(), ExecuteError> {
+        let asked_j: f64 = trace.levels.windows(2).filter_map(|pair| Some(pair[0].power_w? * (pair[1].at_s - pair[0].at_s))).sum();
+        if trace.levels.iter().all(|level| level.power_w.is_none()) {
+            return Ok(());
+        }
+        let power_w = |row: &TraceRow| row.current_a * row.voltage_v;
+        let flowed_j: f64 =
+            rows.windows(2).map(|pair| 0.5 * (power_w(&pair[0]) + power_w(&pair[1])) * (pair[1].time_s - pair[0].time_s)).sum();
+        self.recorder.warning(&format!(
+            "trace {}: powers were turned into currents at the {:.4} V at rest, for a wave cannot follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} J were \
+             asked for",
+            trace.name, zero.ocv_v
+        ));
+        Ok(())
+    }
+}
+
+/// The current of each step up to the end, A, of a power at a voltage.
+fn currents(trace: &TracePlan, (step_s, volts): (f64, f64)) -> Vec<f64> {
+    let place = |at_s: f64| (at_s / step_s).round() as usize;
+    let mut currents = vec![0.0; trace.levels.first().map_or(0, |level| place(level.at_s))];
+    for pair in trace.levels.windows(2) {
+        currents.resize(place(pair[1].at_s), pair[0].at_a(volts));
+    }
+    currents
+}
+
+/// Where the wave lies in the record, near the time of its last message, s. Where both halves can be found, the scope's clock counts.
+fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
+    let whole = Place { begin_s: begins(record, stair, (near_s, REACH_S)), step_s: stair.step_s };
+    let middle = stair.values.len() / 2;
+    let square = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();
+    let (first, second) = stair.values.split_at(middle);
+    if square(first).min(square(second)) < SHARE * square(stair.values) {
+        return whole;
+    }
+    let near = (whole.begin_s, 2.0 * stair.step_s);
+    let first_s = begins(record, &Stair { values: first, ..*stair }, near);
+    let second_s = begins(record, &Stair { values: second, ..*stair }, (near.0 + middle as f64 * stair.step_s, near.1));
+    let apart_s = second_s - first_s;
+    // Less than a sample is no difference of clocks.
+    if (apart_s - middle as f64 * stair.step_s).abs() <= 1.01 * record.interval_s() {
+        return whole;
+    }
+    Place { begin_s: first_s, step_s: apart_s / middle as f64 }
+}

@@ -1,0 +1,133 @@
+//! What a run measures: captures, spectra, traces, readings of legs, and their index.
+
+use std::fs;
+
+use analysis::{
+    dataset::{self, Capture, LegRow, RunIndex, SweepEntry, TraceEntry, TraceRow},
+    spectrum::ImpedancePoint,
+};
+use instruments::{mock::plant::Fixture, scope::Waveform};
+
+use super::{INDEX, RecordError, Recorder, capture_of, io, names::sweep_name, reopen};
+
+/// Which capture it is.
+#[derive(Debug, Clone, Copy)]
+pub struct CaptureFile {
+    /// What was in the jig.
+    pub fixture: Fixture,
+    /// Number of the sweep, 0 for a control.
+    pub repeat: usize,
+    /// Number of the point, from 0.
+    pub index: usize,
+    /// Number of the attempt, from 0: later ones after a change of range.
+    pub attempt: usize,
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// Commanded amplitude of the current, A.
+    pub amplitude_a: f64,
+    /// Bench time when it was downloaded, s.
+    pub start_s: f64,
+}
+
+impl Recorder {
+    /// Writes the raw codes of a point, whole and before anything is made of them.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn capture(&mut self, file: &CaptureFile, waveforms: &[Waveform; 4]) -> Result<(), RecordError> {
+        let name = sweep_name(file.fixture, file.repeat);
+        let label = format!("{name} point {} attempt {} at {} A", file.index + 1, file.attempt + 1, file.amplitude_a);
+        let again = if file.attempt == 0 { String::new() } else { format!("_again{}", file.attempt) };
+        let point = format!("point{:02}_{:.6}Hz{again}", file.index + 1, file.freq_hz);
+        self.write_capture(&name, &point, &capture_of(label, file.freq_hz, file.start_s, waveforms))?;
+        if file.attempt == 0 {
+            self.fresh.clear();
+        }
+        let relative = format!("captures/{name}/{point}.parquet");
+        let sha256 = reopen::sha256_of(&self.path(&relative))?;
+        self.fresh.push((relative, sha256));
+        Ok(())
+    }
+
+    /// Writes the raw codes of any frame, whole, into a folder of `captures`.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write_capture(&self, folder: &str, name: &str, capture: &Capture) -> Result<(), RecordError> {
+        self.room(&format!("captures/{folder}"))?;
+        let folder = self.path("captures").join(folder);
+        fs::create_dir_all(&folder).map_err(io(&folder, "cannot be made"))?;
+        Ok(dataset::write_capture(&folder.join(format!("{name}.parquet")), capture)?)
+    }
+
+    /// Writes a trace and enters it into the index.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn trace(&mut self, entry: TraceEntry, rows: &[TraceRow]) -> Result<(), RecordError> {
+        self.room(&entry.file)?;
+        dataset::write_trace_csv(&self.path(&entry.file), rows)?;
+        self.index.traces.push(entry);
+        self.json(INDEX, &self.index)
+    }
+
+    /// Writes the readings of legs, whole or not at all.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn legs(&self, name: &str, rows: &[LegRow]) -> Result<(), RecordError> {
+        self.room(name)?;
+        Ok(dataset::write_legs_csv(&self.path(name), rows)?)
+    }
+
+    /// Takes a sweep that is not finished out of the index: its entry was written, but not its end in the journal.
+    pub fn forget_sweep(&mut self, file: &str) {
+        self.index.sweeps.retain(|entry| entry.file != file);
+    }
+
+    /// Enters a sweep whose file is whole into the index.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn sweep(&mut self, entry: SweepEntry) -> Result<(), RecordError> {
+        self.index.sweeps.push(entry);
+        self.json(INDEX, &self.index)
+    }
+
+    /// Names the cell that the index is about.
+    pub fn about(&mut self, cell: &str, capacity_c: f64) {
+        (self.index.cell, self.index.capacity_c) = (cell.to_owned(), capacity_c);
+    }
+
+    /// How many sweeps and traces the index holds.
+    pub fn measured(&self) -> usize {
+        self.index.sweeps.len() + self.index.traces.len()
+    }
+
+    /// The index of what was measured.
+    pub fn index(&self) -> &RunIndex {
+        &self.index
+    }
+
+    /// Appends a point to a spectrum; it is on disk when this returns.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn spectrum_point(&self, name: &str, point: &ImpedancePoint) -> Result<(), RecordError> {
+        let path = self.path(name);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
+        }
+        self.room(name)?;
+        Ok(dataset::append_spectrum_csv(&path, point)?)
+    }
+
+    /// Writes a spectrum again, whole or not at all, in the place of the points that were appended as they came.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn spectrum(&self, name: &str, points: &[ImpedancePoint]) -> Result<(), RecordError> {
+        self.room(name)?;
+        Ok(dataset::write_spectrum_csv(&self.path(name), points)?)
+    }
+}

@@ -1,0 +1,61 @@
+//! What was odd in a run, for its report.
+
+use super::{Recorder, names};
+use crate::journal::Entry;
+
+impl Recorder {
+    /// Remembers something odd for the report.
+    pub fn warning(&mut self, text: &str) {
+        if self.warnings.iter().any(|known| known == text) {
+            return;
+        }
+        // A folder that cannot be written ends the run at the next record; the warning itself is not worth it.
+        let noted = self.journal(Entry::Note { text: text.to_owned() });
+        if let Err(error) = noted.and_then(|()| self.event(&format!("note: {text}"))) {
+            tracing::error!("{error}");
+        }
+        self.warnings.push(text.to_owned());
+    }
+
+    /// Remembers something odd about a point of a sweep; what was odd about several is said once.
+    pub fn point_warning(&mut self, sweep: &str, freq_hz: f64, text: &str) {
+        if let Err(error) = self.event(&format!("note: {sweep}, {freq_hz:.4} Hz: {text}")) {
+            tracing::error!("{error}");
+        }
+        self.known_point_warning(sweep, freq_hz, text);
+    }
+
+    /// As [`Self::point_warning`], for a point whose event was written when it was measured.
+    pub fn known_point_warning(&mut self, sweep: &str, freq_hz: f64, text: &str) {
+        match self.point_warnings.iter_mut().find(|(known, _)| known == text) {
+            Some((_, points)) => points.push((sweep.to_owned(), freq_hz)),
+            None => self.point_warnings.push((text.to_owned(), vec![(sweep.to_owned(), freq_hz)])),
+        }
+    }
+
+    /// What was odd.
+    pub fn warnings(&self) -> Vec<String> {
+        let points = self.point_warnings.iter().map(|(text, points)| format!("{}: {text}", names::places(points)));
+        points.chain(self.warnings.iter().cloned()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use instruments::clock::Clock;
+
+    use super::*;
+
+    #[test]
+    fn what_is_odd_about_several_points_is_said_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let clock = Clock::start(instruments::clock::TimeMode::Real);
+        let mut recorder = Recorder::create(&folder.path().join("run"), clock).unwrap();
+        recorder.warning("of the run");
+        for (sweep, freq_hz, text) in [("shunt", 1.0, "odd"), ("shunt", 1.0, "other"), ("cell", 1.0, "odd")] {
+            recorder.point_warning(sweep, freq_hz, text);
+        }
+        let said = ["shunt, 1.0000 Hz; cell, 1.0000 Hz: odd", "shunt, 1.0000 Hz: other", "of the run"];
+        assert_eq!(recorder.warnings(), said);
+    }
+}

@@ -1,0 +1,97 @@
+//! What the folders of a bench hold, and how it gets onto the disk.
+
+use std::{
+    fs::{self, File, OpenOptions},
+    path::{Path, PathBuf},
+};
+
+use analysis::dataset::write_atomically;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+
+use super::{Latched, StateError, began, io};
+use crate::record::with_causes;
+
+/// Who runs a bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Holder {
+    /// The process.
+    pub pid: i32,
+    /// When it began, as [`began`] says.
+    pub began: Option<u64>,
+    /// Its run folder.
+    pub run: PathBuf,
+    /// The bench by its name.
+    pub bench: String,
+    /// The bench file.
+    pub file: PathBuf,
+}
+
+impl Holder {
+    /// The process is there, and no other one has got its number.
+    pub fn lives(&self) -> bool {
+        // Not 0 and not 1: those are whole groups.
+        self.pid > 1 && self.began.is_some() && self.began == began(self.pid)
+    }
+}
+
+/// A run that may have left outputs on: it was begun, and nobody has verified safe state since.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct OpenRun {
+    /// Who runs or ran it.
+    pub holder: Holder,
+    /// When it was begun, s since 1970.
+    pub unix_s: f64,
+    /// Every folder that says so.
+    pub(super) places: Vec<PathBuf>,
+}
+
+/// A latch as it is on disk.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Latch {
+    #[serde(flatten)]
+    pub(super) latched: Latched,
+    /// The bench file through which it was latched.
+    pub(super) file: PathBuf,
+    /// Every folder that says so.
+    pub(super) places: Vec<PathBuf>,
+}
+
+pub(super) fn make(folder: &Path) -> Result<(), StateError> {
+    fs::create_dir_all(folder).map_err(io(folder, "has no folder, and none can be made"))
+}
+
+pub(super) fn open(path: &Path) -> Result<File, StateError> {
+    let opened = OpenOptions::new().create(true).truncate(false).read(true).write(true).open(path);
+    opened.map_err(io(path, "cannot be written"))
+}
+
+pub(super) fn named_holder(path: &Path) -> Holder {
+    let text = fs::read_to_string(path).unwrap_or_default();
+    let unknown = |_| Holder { pid: 0, began: None, run: PathBuf::new(), bench: "it".to_owned(), file: PathBuf::new() };
+    serde_json::from_str(&text).unwrap_or_else(unknown)
+}
+
+/// A file of JSON; none where there is no file.
+pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<Option<Result<T, serde_json::Error>>, StateError> {
+    match fs::read_to_string(path) {
+        Ok(text) => Ok(Some(serde_json::from_str(&text))),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(source) => Err(io(path, "cannot be read")(source)),
+    }
+}
+
+pub(super) fn json<T: Serialize>(path: &Path, value: &T) -> Result<(), StateError> {
+    let mut text = serde_json::to_string_pretty(value).map_err(|error| io(path, "cannot be put into JSON")(error.into()))?;
+    text.push('\n');
+    write_atomically(path, text.as_bytes()).map_err(|error| io(path, "cannot be written")(std::io::Error::other(with_causes(&error))))
+}
+
+/// Removes a file that may be gone already. Its name is gone from the disk only when its folder is written.
+pub(super) fn remove(folder: &Path, name: &str) -> Result<(), StateError> {
+    let path = folder.join(name);
+    match fs::remove_file(&path) {
+        Ok(()) => File::open(folder).and_then(|folder| folder.sync_all()).map_err(io(folder, "cannot be written")),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        Err(source) => Err(io(&path, "cannot be removed")(source)),
+    }
+}

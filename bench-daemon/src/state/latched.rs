@@ -1,0 +1,86 @@
+//! Why a bench is latched.
+
+use std::path::{Path, PathBuf};
+
+use instruments::clock;
+use serde::{Deserialize, Serialize};
+
+use crate::interlock::Trip;
+
+/// Why a bench must not be run until a person has cleared it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Latched {
+    /// In words.
+    pub cause: String,
+    /// What left its limits, where it was a reading.
+    pub quantity: Option<String>,
+    /// Its value.
+    pub value: Option<f64>,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// Its limits; one that is infinite is none.
+    pub limits: Option<(Option<f64>, Option<f64>)>,
+    /// Bench time of the run, s.
+    pub bench_time_s: Option<f64>,
+    /// The run folder.
+    pub run: Option<PathBuf>,
+    /// The step in work.
+    pub step: Option<String>,
+    /// Which process found it: `daemon`, `guardian` or `safe`.
+    pub by: String,
+    /// When, s since 1970.
+    pub unix_s: f64,
+}
+
+impl std::fmt::Display for Latched {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.cause)?;
+        if let Some(step) = self.step.as_ref().filter(|step| !step.is_empty()) {
+            write!(f, " in step \"{step}\"")?;
+        }
+        self.run.as_ref().map_or(Ok(()), |run| write!(f, " of {}", run.display()))
+    }
+}
+
+impl Latched {
+    /// A cause that is no reading.
+    pub fn new(by: &str, cause: &str) -> Self {
+        Self {
+            cause: cause.to_owned(),
+            quantity: None,
+            value: None,
+            unit: None,
+            limits: None,
+            bench_time_s: None,
+            run: None,
+            step: None,
+            by: by.to_owned(),
+            unix_s: clock::unix_time_s(),
+        }
+    }
+
+    /// What the interlock found.
+    pub fn of_trip(by: &str, trip: &Trip) -> Self {
+        let latched = Self::new(by, &format!("interlock: {trip}"));
+        match trip {
+            Trip::Chiller { time_s, .. } => Self { bench_time_s: Some(*time_s), ..latched },
+            Trip::Limit { what, value, unit, least, greatest, time_s } => {
+                let finite = |value: f64| Some(value).filter(|value| value.is_finite());
+                Self {
+                    quantity: Some((*what).to_owned()),
+                    value: finite(*value),
+                    unit: Some((*unit).to_owned()),
+                    limits: Some((finite(*least), finite(*greatest))),
+                    bench_time_s: Some(*time_s),
+                    ..latched
+                }
+            }
+        }
+    }
+
+    /// The same in a run and a step.
+    #[must_use]
+    pub fn during(self, run: &Path, step: &str) -> Self {
+        Self { run: Some(run.to_owned()), step: Some(step.to_owned()), ..self }
+    }
+}

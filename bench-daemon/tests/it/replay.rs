@@ -1,0 +1,102 @@
+//! Recorded runs through the present pipeline, and run folders that are not what they were.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use analysis::dataset;
+use bench_daemon::sums;
+
+use crate::support::{Files, files_below, program};
+
+fn eis_bench(arguments: &[&str], folder: &Path) -> (i32, String) {
+    let arguments: Vec<&std::ffi::OsStr> = arguments.iter().map(AsRef::as_ref).chain([folder.as_os_str()]).collect();
+    let ended = program(&arguments);
+    (ended.code.unwrap(), ended.stdout + &ended.stderr)
+}
+
+/// A small run: controls, and a sweep of five points.
+fn small_run(files: &Files) -> PathBuf {
+    files.run("run").expect_code(0);
+    files.path("run")
+}
+
+#[test]
+fn a_run_comes_out_the_same_and_a_flipped_bit_in_any_file_is_found() {
+    let files = Files::short(5);
+    let run = small_run(&files);
+    let (code, text) = eis_bench(&["verify"], &run);
+    assert!(code == 0 && text.contains("all as they were") && text.contains("every number as stored"), "{code} {text}");
+    let out = files.path("again");
+    let (code, text) = eis_bench(&["replay", "--out", out.to_str().unwrap()], &run);
+    assert_eq!(code, 0, "{text}");
+    assert!(text.contains("bit by bit: 15 of 15") && text.contains("spectra bit-identical: 1 of 1"), "{text}");
+    for name in ["spectrum.csv", "raw_shunt.csv", "correction.json", "model_1rc.json", "report.html"] {
+        assert_eq!(fs::read(run.join(name)).unwrap(), fs::read(out.join(name)).unwrap(), "{name}");
+    }
+    assert!(!out.join("journal.jsonl").exists() && !out.join("captures").exists());
+    // Never over what is there.
+    let (code, text) = eis_bench(&["replay", "--out", out.to_str().unwrap()], &run);
+    assert!(code == 2 && text.contains("expected a new or empty folder"), "{code} {text}");
+
+    let names = files_below(&run);
+    assert!(names.len() > 40, "{}", names.len());
+    let mut state = 7_u64;
+    for path in names.iter().map(|name| run.join(name)) {
+        let bytes = fs::read(&path).unwrap();
+        for _ in 0..3 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            // A file without a byte, as a log of which nothing was worth a line, gets one.
+            let mut flipped = if bytes.is_empty() { vec![0] } else { bytes.clone() };
+            let bit = (state >> 17) as usize % (8 * flipped.len());
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            fs::write(&path, &flipped).unwrap();
+            assert!(!sums::check(&run).unwrap().1.is_empty(), "{}, bit {bit}", path.display());
+        }
+        fs::write(&path, &bytes).unwrap();
+    }
+    assert_eq!(sums::check(&run).unwrap().1, []);
+}
+
+#[test]
+fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
+    let files = Files::short(5);
+    let run = small_run(&files);
+    // One number of one result, and the hashes made to fit.
+    let path = run.join("spectrum.csv");
+    let text = fs::read_to_string(&path).unwrap();
+    let points = dataset::read_spectrum_csv(&path).unwrap();
+    let number = format!("{:?}", points[2].z_ohm.re);
+    fs::write(&path, text.replacen(&number, &format!("{:?}", points[2].z_ohm.re * 1.001), 1)).unwrap();
+    sums::write(&run).unwrap();
+    let (code, said) = eis_bench(&["verify"], &run);
+    assert_eq!(code, 10, "{said}");
+    assert!(
+        said.contains(&format!("spectrum.csv: line 4, z_re_ohm: stored {:?}, recomputed {number}", points[2].z_ohm.re * 1.001)),
+        "{said}"
+    );
+    let (code, said) = eis_bench(&["replay"], &run);
+    assert_eq!(code, 0, "{said}");
+    assert!(said.contains("spectrum.csv: changed; 5 points stored, 5 now; |ΔZ|/σ at most "), "{said}");
+    fs::write(&path, &text).unwrap();
+
+    // Another capture: what the journal and the tables say does not follow from it any more.
+    let captures: Vec<PathBuf> = files_below(&run.join("captures/cell")).iter().map(|name| run.join("captures/cell").join(name)).collect();
+    let mut capture = dataset::read_capture(&captures[0]).unwrap();
+    capture.meta.channels[3].scale.volts_per_code *= 1.01;
+    dataset::write_capture(&captures[0], &capture).unwrap();
+    sums::write(&run).unwrap();
+    let (code, said) = eis_bench(&["verify"], &run);
+    assert!(code == 10 && said.contains("the journal's point at 100 Hz differs from what this capture gives"), "{code} {said}");
+    assert!(said.contains("spectrum.csv: line 2, z_re_ohm: stored ") && said.contains("model_1rc.json: "), "{said}");
+    let (_, said) = eis_bench(&["replay"], &run);
+    assert!(said.contains("bit by bit: 14 of 15") && said.contains("spectra bit-identical: 0 of 1"), "{said}");
+}
+
+#[test]
+fn a_folder_without_a_run_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, said) = eis_bench(&["replay"], folder.path());
+    assert!(code == 2 && said.contains("expected a run folder, or a folder of them, found no journal.jsonl in or below it"), "{said}");
+}

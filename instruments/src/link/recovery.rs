@@ -1,0 +1,98 @@
+//! How a link gets back into step with its instrument where the transport can do more than drop the connection: device clear, then a question whose answer
+//! nothing else could be.
+//!
+//! A device clear leaves settings alone (IEEE 488.2, clause 5.8). An instrument that does not obey it, and a transport that has none, still answer in
+//! order: what comes before the answer to the question that was just asked belongs to questions from before, and is thrown away.
+
+use super::{Connection, Link, LinkError};
+use crate::{
+    clock::Clock,
+    link::Grammar,
+    scpi::{excerpt, status, text_of},
+    transcript::{Direction, Payload},
+};
+
+/// Answers to earlier questions that are thrown away before the instrument is given up.
+const MOST_STALE: usize = 4;
+/// Bit of the status byte: an answer is waiting (IEEE 488.2, clause 11.2.1.2).
+const MESSAGE_AVAILABLE: u8 = 0x10;
+const IDENTITY: &str = "*IDN?";
+
+impl Link {
+    /// Puts a connection on which an exchange failed, or one in its place, back into use.
+    pub(super) async fn recover(&mut self, mut connection: Connection) -> Result<(), LinkError> {
+        self.clear(&mut connection).await?;
+        if self.options.profile.grammar == Grammar::Scpi {
+            self.ask_something_else(&mut connection).await?;
+        }
+        if self.has_answer_waiting(&mut connection).await? {
+            return Err(self.not_cleared("no answer waiting", "one that nobody asked for".to_owned()));
+        }
+        self.connection = Some(connection);
+        self.remark("in step again after a device clear");
+        for entry in self.drain_errors().await? {
+            self.remark(&format!("left in the error queue: {entry}"));
+        }
+        Ok(())
+    }
+
+    /// What an earlier client left unread must not be the answer to the first question. Touches the instrument only if there is something.
+    pub(super) async fn leave_nothing_behind(&self, connection: &mut Connection) -> Result<(), LinkError> {
+        match connection.can_be_cleared() && self.has_answer_waiting(connection).await? {
+            true => self.clear(connection).await,
+            false => Ok(()),
+        }
+    }
+
+    async fn clear(&self, connection: &mut Connection) -> Result<(), LinkError> {
+        let deadline = self.options.profile.first_timeout;
+        let cleared = self.clock().deadline(deadline, connection.clear()).await;
+        let late = |_| self.not_cleared("an acknowledgement", format!("none within {deadline:?}"));
+        cleared.map_err(late)?.map_err(|broken| self.error(broken, "device clear"))
+    }
+
+    async fn has_answer_waiting(&self, connection: &mut Connection) -> Result<bool, LinkError> {
+        let deadline = self.options.profile.first_timeout;
+        let polled = self.clock().deadline(deadline, connection.status_byte()).await;
+        let late = |_| self.not_cleared("a status byte", format!("none within {deadline:?}"));
+        let byte = polled.map_err(late)?.map_err(|broken| self.error(broken, "status byte"))?;
+        Ok(byte.is_some_and(|byte| byte & MESSAGE_AVAILABLE != 0))
+    }
+
+    /// Asks for something that cannot be taken for the answer to the question that failed, and waits until it comes.
+    async fn ask_something_else(&mut self, connection: &mut Connection) -> Result<(), LinkError> {
+        let profile = self.options.profile;
+        let question = match profile.error_query {
+            Some(error_query) if self.asked.to_ascii_uppercase().contains(IDENTITY) => error_query,
+            _ => IDENTITY,
+        };
+        self.hand_over(connection, question).await?;
+        let clock: Clock = self.clock().clone();
+        let mut found = String::new();
+        for _ in 0..=MOST_STALE {
+            let timed_out = |_| LinkError::Timeout { link: self.link(), message: question.to_owned(), deadline: profile.first_timeout };
+            let read = clock.deadline(profile.first_timeout, connection.read_whole(profile.first_timeout)).await.map_err(timed_out)?;
+            let message = read.map_err(|broken| self.error(broken, question))?;
+            let text = text_of(&message).trim().to_owned();
+            let fits = if question == IDENTITY { self.is_identity(&text) } else { status::parse_error(&text).is_ok() };
+            let direction = if fits { Direction::Received } else { Direction::Unsolicited };
+            self.record(direction, Payload::Text(excerpt(&message)));
+            if fits {
+                return Ok(());
+            }
+            found = excerpt(&message);
+        }
+        Err(self.not_cleared(&format!("an answer to `{question}`"), format!("`{found}`")))
+    }
+
+    fn is_identity(&self, text: &str) -> bool {
+        match &self.identity {
+            Some(known) => known.trim() == text,
+            None => text.matches(',').count() >= 2 && text.starts_with(|first: char| first.is_ascii_alphabetic()),
+        }
+    }
+
+    fn not_cleared(&self, expected: &str, found: String) -> LinkError {
+        LinkError::NotCleared { link: self.link(), expected: expected.to_owned(), found }
+    }
+}

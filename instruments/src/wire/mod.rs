@@ -1,0 +1,29 @@
+//! The wire forms of the transports that carry whole messages, both directions and without a socket: [`rpc`] and [`vxi11`], [`hislip`], [`prologix`].
+//!
+//! Bytes in, values out, and back; memory is bounded by the limits that the caller names. Who talks to whom and when is the business of
+//! [`crate::transport`] on the client's side and of [`crate::mock`] on the instrument's.
+
+pub mod hislip;
+pub mod prologix;
+pub mod rpc;
+pub mod vxi11;
+
+/// Bytes that are no message of the protocol.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("expected {expected}, found {found}")]
+pub struct WireError {
+    expected: String,
+    found: String,
+}
+
+impl WireError {
+    pub(crate) fn new(expected: impl Into<String>, found: impl Into<String>) -> Self {
+        Self { expected: expected.into(), found: found.into() }
+    }
+}
+
+impl From<WireError> for std::io::Error {
+    fn from(error: WireError) -> Self {
+        Self::new(std::io::ErrorKind::InvalidData, error)
+    }
+}
