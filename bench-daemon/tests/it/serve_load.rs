@@ -111,6 +111,10 @@ fn two_hundred_listeners_and_fifty_requests_per_second_cost_a_sweep_nothing() {
                     }
                 });
             }
+            // Longer than anything else waits here.
+            while served.get("/benches/demo")["run"]["going"] == true {
+                sleep(1.0);
+            }
             let ended = served.ended(&run);
             over.store(true, Ordering::Relaxed);
             assert_eq!(ended["finished"], true, "{ended}");
