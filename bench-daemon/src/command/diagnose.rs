@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    diagnosis::{BaseModel, DiagnosisOptions, Outcome, gate, report},
+    diagnosis::{BaseModel, DiagnosisOptions, Fixture, Outcome, gate, report},
     fit::ModelFile,
 };
 
@@ -37,7 +37,10 @@ pub struct DiagnoseArgs {
     /// The cell's file, for the same.
     #[arg(long, value_name = "FILE", requires = "bench")]
     pub cell: Option<PathBuf>,
-    /// Print JSON.
+    /// The one cell of a campaign that is meant [default: each of them by itself].
+    #[arg(long, value_name = "NAME")]
+    pub specimen: Option<String>,
+    /// Print JSON; of several cells, a list.
     #[arg(long)]
     pub json: bool,
 }
@@ -48,20 +51,42 @@ pub struct DiagnoseArgs {
 /// A file or an argument that is not as expected; a folder that cannot be written. Any verdict, `invalid` too, is a result and no error.
 pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     let judged = Judged::read(&args.data, &args.model, args.ocv.as_deref())?;
-    let outcome = judged.diagnose()?;
-    if let Some(folder) = &args.out {
-        write(folder, &outcome, &judged)?;
-        if let (Some(bench), Some(cell)) = (&args.bench, &args.cell) {
-            write_next(folder, &outcome, &judged, (bench, cell))?;
+    let cells = judged.cells(args)?;
+    if args.bench.is_some() && cells.len() > 1 {
+        let reason =
+            format!("--bench: expected one cell to write its next experiment for, found {}; choose with --specimen", cells.join(", "));
+        return Err(Failure::Usage(reason));
+    }
+    let mut outcomes = Vec::new();
+    for name in &cells {
+        let folder = args.out.as_ref().map(|folder| if cells.len() > 1 { folder.join(name) } else { folder.clone() });
+        let judged = judged.of_cell(name);
+        let outcome = judged.diagnose()?;
+        if let Some(folder) = &folder {
+            write(folder, &outcome, &judged)?;
+            if let (Some(bench), Some(cell)) = (&args.bench, &args.cell) {
+                write_next(folder, &outcome, &judged, (bench, cell))?;
+            }
         }
+        if !args.json {
+            if cells.len() > 1 {
+                say!("cell {name}:");
+            }
+            say!("{}", report::text(&outcome.diagnosis));
+            if let Some(folder) = &folder {
+                say!("written to {}", folder.display());
+            }
+        }
+        outcomes.push(outcome);
     }
-    if args.json {
-        say!("{}", json(&outcome)?);
-        return Ok(());
-    }
-    say!("{}", report::text(&outcome.diagnosis));
-    if let Some(folder) = &args.out {
-        say!("written to {}", folder.display());
+    match outcomes.as_slice() {
+        _ if !args.json => {}
+        [one] => say!("{}", json(one)?),
+        several => {
+            let diagnoses: Vec<_> =
+                cells.iter().zip(several).map(|(cell, one)| serde_json::json!({"cell": cell, "diagnosis": one.diagnosis})).collect();
+            say!("{}", serde_json::to_string_pretty(&diagnoses).map_err(|error| Failure::Analysis(error.to_string()))?);
+        }
     }
     Ok(())
 }
@@ -92,6 +117,35 @@ impl Judged {
         }
         let model = BaseModel { name: file.name.clone(), erm: file.fit.erm.clone(), ocv };
         Ok(Self { loaded: read_dataset(data)?, model, file, data: data.to_owned(), path: path.to_owned() })
+    }
+
+    /// The names of the cells that are to be judged, each by itself: a model is one cell's.
+    fn cells(&self, args: &DiagnoseArgs) -> Result<Vec<String>, Failure> {
+        let mut cells: Vec<String> = Vec::new();
+        for run in &self.loaded.set.runs {
+            if let Fixture::Cell(name) = &run.fixture
+                && !cells.contains(name)
+            {
+                cells.push(name.clone());
+            }
+        }
+        match &args.specimen {
+            Some(wanted) if !cells.contains(wanted) => {
+                Err(Failure::Usage(format!("--specimen: expected one of {}, found {wanted}", cells.join(", "))))
+            }
+            Some(wanted) => Ok(vec![wanted.clone()]),
+            // Without any run of a cell there is still something to be said.
+            None if cells.is_empty() => Ok(vec![String::new()]),
+            None => Ok(cells),
+        }
+    }
+
+    /// The same with the runs of one cell, and those of the controls.
+    fn of_cell(&self, name: &str) -> Self {
+        let mut set = self.loaded.set.clone();
+        set.runs.retain(|run| !matches!(&run.fixture, Fixture::Cell(other) if other != name));
+        let loaded = Loaded { set, problems: self.loaded.problems.clone(), notes: self.loaded.notes.clone() };
+        Self { loaded, model: self.model.clone(), file: self.file.clone() }
     }
 
     /// The diagnosis of what could be read; what could not makes the data invalid.

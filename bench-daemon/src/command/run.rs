@@ -23,7 +23,7 @@ use std::{
 pub(crate) use again::{Recorded, on_all_cores};
 use analysis::{calibration::Correction, spectrum::Spectrum};
 pub(crate) use past::{Past, begun_experiment};
-pub(crate) use stop::StopSignals;
+pub(crate) use stop::{StopSignals, caught};
 
 use crate::terminal::say;
 use crate::{

@@ -203,6 +203,7 @@ fn verdicts(recorder: &Recorder, measured: &Measured) -> Vec<Verdict> {
     verdicts.extend(super::linearity_in_words(measured).map(verdict));
     verdicts
         .extend(measured.multisines.iter().map(|run| Verdict { level: Level::Note, text: crate::command::run::multisine::in_words(run) }));
+    verdicts.extend(super::validity::multisine_verdict(measured));
     let through_channels = measured.spectra().next().is_some() || !measured.multisines.is_empty() || !recorder.index().traces.is_empty();
     if measured.controls.is_empty() && through_channels {
         let text =
