@@ -23,7 +23,7 @@ pub use files::{Holder, OpenRun};
 use files::{Latch, json, make, named_holder, open, read, remove};
 pub use latched::Latched;
 pub use place::VARIABLE;
-pub use process::{began, is_stopped, pid};
+pub use process::{began, is_stopped, pid, who};
 
 use crate::config;
 

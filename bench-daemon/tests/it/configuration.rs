@@ -50,6 +50,17 @@ fn every_file_in_configs_is_sound() {
 }
 
 #[test]
+fn two_instruments_cannot_share_a_gpib_adapter() {
+    let bench = "benches/demo.toml";
+    let folder = altered(bench, "\"memory:generator\"", "\"gpib:tcp:10.0.0.9:1234/8\"");
+    let path = folder.path().join(bench);
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace("\"memory:scope\"", "\"gpib:tcp:10.0.0.9:1234/7\"")).unwrap();
+    let message = load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string();
+    assert!(message.contains("instruments.scope.address: expected a GPIB adapter of its own, found that of generator"), "{message}");
+}
+
+#[test]
 fn mistakes_are_named_with_file_line_and_field() {
     let experiment = "experiments/demo.toml";
     let bench = "benches/demo.toml";
@@ -72,6 +83,7 @@ fn mistakes_are_named_with_file_line_and_field() {
             "instruments.load.model: expected one of siglent-sdl1000x, rigol-dl3000, found \"siglent-sdl9\"",
         ),
         (bench, "\"memory:scope\"", "\"tcp:/scope\"", "instruments.scope.address: "),
+        (bench, "\"memory:scope\"", "\"vxi11:host:0/inst0\"", "instruments.scope.address: port: expected a number from 1 to 65535"),
         (bench, "\"9.96 mΩ\"", "\"9.96 mV\"", "wiring.shunt.resistance: expected a resistance with its unit"),
         (
             "experiments/accurate.toml",
@@ -192,6 +204,38 @@ fn what_the_bench_cannot_do_is_refused_before_it_is_begun() {
         let message = complaint(file, from, to);
         assert!(message.contains(expected), "{message}");
     }
+}
+
+#[test]
+fn quirks_are_checked_against_what_the_model_has_and_a_logger_against_its_inputs() {
+    let second = std::fs::read_to_string(configs().join("benches/second.toml")).unwrap();
+    for (more, message) in [
+        (
+            "[simulation.quirks.scope]\npage_byte = 1",
+            "rigol-dho800: quirk page_byte: expected one of echo, min_gap, first_answer, late_end, digits, second_client, page_points, sticky_transfer, stop_delay, flash, double_end, block_prefix, found `page_byte`",
+        ),
+        ("[simulation.quirks.logger]\nunit = \"R\"", "siglent-sdm3065x: quirk unit: expected one of C, F, K, found `R`"),
+        ("[simulation.quirks.load]\nclamps = 1", "rigol-dl3000: quirk clamps: expected true or false, found 1"),
+        (
+            "[simulation.quirks.oven]\necho = true",
+            "expected an instrument of this bench (supply4q, generator, scope, load, supply, chiller, logger, jig), found \"oven\"",
+        ),
+        ("[thermostat]\nwindow = \"50 s\"", "expected 5 s to 45 s, found 50 s"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bench.toml");
+        std::fs::write(&path, format!("{second}\n{more}\n")).unwrap();
+        let met = bench_daemon::config::load_bench(&path).unwrap_err().to_string();
+        assert!(met.contains(message), "{met}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bench.toml");
+    std::fs::write(&path, second.replace("cell_channel = 1", "cell_channel = 1\nambient_channel = 2")).unwrap();
+    let met = bench_daemon::config::load_bench(&path).unwrap_err().to_string();
+    assert!(
+        met.contains("ambient_channel") && met.contains("a channel that a siglent-sdm3065x has (one input is channel 1), found 2"),
+        "{met}"
+    );
 }
 
 #[test]

@@ -87,6 +87,20 @@ fn a_bench_whose_instruments_are_on_as_many_transports_measures_the_same() {
 }
 
 #[test]
+fn another_transport_is_for_a_role_of_the_bench_and_is_one_that_there_is() {
+    let files = Files::short(2);
+    let bench = files.path(BENCH);
+    for (over, expected) in [
+        ("printer=tcp", "--over: expected a role of this bench (supply4q, generator, "),
+        ("scope=usb", "expected TRANSPORT or ROLE=TRANSPORT out of tcp, vxi11, vxi11-mapped, hislip, gpib, serial, found `scope=usb`"),
+    ] {
+        let ended = program(&["mock".as_ref(), bench.as_os_str(), "--over".as_ref(), over.as_ref()]);
+        ended.expect_code(2);
+        assert!(ended.stderr.contains(expected), "{}", ended.stderr);
+    }
+}
+
+#[test]
 fn a_wrong_model_at_an_address_is_named_and_only_asked_who_it_is() {
     for (role, other, expected, found) in [
         ("generator", "scope", "generator: expected a siglent-sdg1000x, found \"Siglent Technologies,SDS", "SDS"),
