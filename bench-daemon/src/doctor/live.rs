@@ -200,7 +200,7 @@ impl Examination<'_> {
     /// Whether the supply's own limit holds while the analog input commands it, which no manual promises.
     async fn bipolar_limit(&mut self) -> Result<(), BenchError> {
         let id = "limit.bipolar";
-        if !self.supply4q()?.capabilities().current_limit {
+        if self.supply4q()?.capabilities().holds != instruments::supply4q::Holds::CurrentAndVoltage {
             self.findings.skip(&[id], "this model has no limit of the current beside its rating", "nothing but a fuse bounds it");
             return Ok(());
         }
