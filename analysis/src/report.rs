@@ -317,6 +317,7 @@ mod tests {
                 rows: vec![vec!["1".into(), "−6.94".into(), "<script>alert(1)</script>".into()], vec!["2".into()]],
             }],
             provenance: vec![("seed".into(), "7".into()), ("config".into(), "a'b".into())],
+            ..Report::default()
         }
     }
 
