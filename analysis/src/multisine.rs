@@ -11,6 +11,6 @@ mod analyse;
 mod crest;
 mod grid;
 
-pub use analyse::{Line, MultisineError, MultisineFit, analyse, nonlinear, with_distortion};
+pub use analyse::{Line, MultisineError, MultisineFit, analyse, clock_offset, nonlinear, with_distortion};
 pub use crest::{Design, design};
 pub use grid::odd_grid;

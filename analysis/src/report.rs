@@ -56,8 +56,38 @@ pub struct Report {
     pub figures: Vec<Figure>,
     /// Tables.
     pub tables: Vec<Table>,
+    /// What is told under headings, after the tables.
+    pub sections: Vec<Section>,
     /// Where the numbers come from: version, configuration, seed, instruments, …
     pub provenance: Vec<(String, String)>,
+    /// Files that it takes to repeat it, by name, with their text; folded until somebody looks.
+    pub files: Vec<(String, String)>,
+}
+
+/// A heading and what stands under it.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Section {
+    /// The heading.
+    pub heading: String,
+    /// From the top.
+    pub parts: Vec<Part>,
+}
+
+/// A piece of a section.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Part {
+    /// A paragraph.
+    Text(String),
+    /// Points of a list.
+    List(Vec<String>),
+    /// A table.
+    Table(Table),
+    /// A plot.
+    Figure(Figure),
+    /// A name with its properties.
+    Fields(String, Vec<(String, String)>),
+    /// Text set as it is.
+    Verbatim(String),
 }
 
 /// Why a report was not made.
@@ -85,20 +115,21 @@ impl Report {
         html.push_str("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" content=\"light dark\">\n");
         push(&mut html, format_args!("<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n<h1>{title}</h1>\n"));
         self.push_verdicts(&mut html);
-        for (i, figure) in self.figures.iter().enumerate() {
-            check_svg(&figure.svg).map_err(|met| ReportError::ForeignFigure { index: i + 1, met })?;
-            push(
-                &mut html,
-                format_args!("<figure>\n{}\n<figcaption>{}</figcaption>\n</figure>\n", figure.svg.trim(), escape(&figure.caption)),
-            );
+        let mut figures = 0;
+        for figure in &self.figures {
+            figure.push(&mut html, &mut figures)?;
         }
         self.tables.iter().for_each(|t| t.push(&mut html));
+        for section in self.sections.iter().filter(|section| !section.parts.is_empty()) {
+            push(&mut html, format_args!("<h2>{}</h2>\n", escape(&section.heading)));
+            section.parts.iter().try_for_each(|part| part.push(&mut html, &mut figures))?;
+        }
         if !self.provenance.is_empty() {
-            html.push_str("<h2>Provenance</h2>\n<dl>\n");
-            for (key, value) in &self.provenance {
-                push(&mut html, format_args!("<dt>{}</dt><dd>{}</dd>\n", escape(key), escape(value)));
-            }
-            html.push_str("</dl>\n");
+            html.push_str("<h2>Provenance</h2>\n");
+            push_fields(&mut html, &self.provenance);
+        }
+        for (name, text) in &self.files {
+            push(&mut html, format_args!("<details><summary>{}</summary><pre>{}</pre></details>\n", escape(name), escape(text)));
         }
         html.push_str("</main>\n</body>\n</html>\n");
         Ok(html)
@@ -119,6 +150,45 @@ impl Report {
             push(html, format_args!("<li class=\"{class}\"><strong>{word}</strong> {}</li>\n", escape(&verdict.text)));
         }
         html.push_str("</ul>\n");
+    }
+}
+
+impl Part {
+    fn push(&self, html: &mut String, figures: &mut usize) -> Result<(), ReportError> {
+        match self {
+            Self::Text(text) => push(html, format_args!("<p>{}</p>\n", escape(text))),
+            Self::List(points) => {
+                html.push_str("<ul>\n");
+                points.iter().for_each(|point| push(html, format_args!("<li>{}</li>\n", escape(point))));
+                html.push_str("</ul>\n");
+            }
+            Self::Table(table) => table.push(html),
+            Self::Figure(figure) => figure.push(html, figures)?,
+            Self::Fields(name, fields) => {
+                push(html, format_args!("<h3>{}</h3>\n", escape(name)));
+                push_fields(html, fields);
+            }
+            Self::Verbatim(text) => push(html, format_args!("<pre>{}</pre>\n", escape(text.trim_end()))),
+        }
+        Ok(())
+    }
+}
+
+fn push_fields(html: &mut String, fields: &[(String, String)]) {
+    html.push_str("<dl>\n");
+    for (key, value) in fields {
+        push(html, format_args!("<dt>{}</dt><dd>{}</dd>\n", escape(key), escape(value)));
+    }
+    html.push_str("</dl>\n");
+}
+
+impl Figure {
+    /// `before`: figures that stand before it.
+    fn push(&self, html: &mut String, before: &mut usize) -> Result<(), ReportError> {
+        *before += 1;
+        check_svg(&self.svg).map_err(|met| ReportError::ForeignFigure { index: *before, met })?;
+        push(html, format_args!("<figure>\n{}\n<figcaption>{}</figcaption>\n</figure>\n", self.svg.trim(), escape(&self.caption)));
+        Ok(())
     }
 }
 
@@ -217,7 +287,14 @@ tbody tr:nth-child(even){background:var(--stripe)}
 .number{font-variant-numeric:tabular-nums}
 dl{display:grid;grid-template-columns:minmax(7rem,max-content) 1fr;gap:.2rem 1rem;font-size:.9rem}
 dt{color:var(--soft)}dd{margin:0;overflow-wrap:anywhere}
-@media print{figure,table{break-inside:avoid}}
+h3{font-size:1rem;margin:1.2rem 0 .3rem}
+p,li{max-width:48rem}
+pre{overflow-x:auto;background:var(--stripe);padding:.6rem .8rem;border-radius:.4rem;font-size:.82rem;line-height:1.4}
+details{margin:.3rem 0;font-size:.9rem}summary{cursor:pointer;color:var(--soft)}
+@media (prefers-color-scheme:dark){figure svg{filter:invert(.91) hue-rotate(180deg)}}
+@media print{:root{--ink:#000;--soft:#444;--page:#fff;--line:#bbb;--stripe:#f5f6f7;--good:#00724f;--note:#8a5a00;--bad:#b3261e}
+body{font-size:10pt}main{max-width:none;padding:0}figure svg{filter:none;min-width:0}.table,figure,pre{overflow:visible}pre{white-space:pre-wrap}
+th,td{white-space:normal}figure,.table,.verdict li{break-inside:avoid}h2,h3,caption{break-after:avoid}@page{margin:1.6cm}}
 ";
 
 #[cfg(test)]
@@ -240,6 +317,7 @@ mod tests {
                 rows: vec![vec!["1".into(), "−6.94".into(), "<script>alert(1)</script>".into()], vec!["2".into()]],
             }],
             provenance: vec![("seed".into(), "7".into()), ("config".into(), "a'b".into())],
+            ..Report::default()
         }
     }
 

@@ -224,7 +224,7 @@ impl Bench {
             ($role:literal, $field:ident, $recognises:expr) => {
                 if let (Some(instrument), Some(config)) = (self.$field.as_mut(), self.models.get($role)) {
                     let identity = instrument.identify().await.map_err(|source| wrap($role, &config.model, source))?;
-                    let recognised = $recognises(&*instrument, &identity);
+                    let recognised = $recognises(&*instrument, &identity) || config.accepts(&identity.raw);
                     let (model, address) = (config.model.clone(), config.address.to_string());
                     found.push(Identified { role: $role, model, address, identity, recognised });
                 }

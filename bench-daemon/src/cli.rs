@@ -21,6 +21,8 @@ Examples:
     eis-bench plan configs/experiments/thesis.toml
   Who answers at the configured addresses; changes nothing:
     eis-bench identify configs/benches/thesis.toml
+  Examine a bench before its first use, with the fake cell in the place of the cell:
+    eis-bench doctor configs/benches/thesis.toml --fixture fake_cell
   Switch a bench off, now, whoever runs it:
     eis-bench safe configs/benches/thesis.toml
   The simulated instruments on real ports, until Ctrl-C:
@@ -46,6 +48,10 @@ Examples:
   Yesterday's captures through today's analysis, and whether a folder is what it was:
     eis-bench replay runs/thesis
     eis-bench verify runs/thesis
+  A spectrum for ZView, a time series for the Battery Data Alliance's tools, a model for a controller:
+    eis-bench convert SPECTRUM.csv --to zview --out FOLDER
+    eis-bench convert SERIES.csv --to bdf-parquet --out FOLDER
+    eis-bench convert model_4rc.json --to c --ocv ocv.json --out FOLDER
   What a pack can give and take, and for how long:
     eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015
     eis-bench sop --model FOLDER/model_4rc.json --series 16 --parallel 3 --ocv-v 3.6
@@ -55,7 +61,7 @@ Exit codes:
   1  something unexpected
   2  the command line or a file is not as expected; nothing was energised
   3  an instrument cannot be reached, answers wrongly or disobeys
-  4  the fixture check failed: the bench is not to be believed
+  4  the fixture check or the doctor failed: the bench is not to be believed
   5  the interlock tripped, or a cell was found in the jig where a control belongs
   6  safe state could not be verified: LOOK AT THE BENCH
   7  the bench is latched after a trip: look at it, then `eis-bench clear BENCH`
@@ -93,8 +99,10 @@ enum Command {
     Plan(PlanArgs),
     /// Serve the simulated instruments of a bench on real ports until stopped.
     Mock(MockArgs),
-    /// Ask every instrument of a bench who it is. Changes nothing on any of them.
+    /// Ask instruments who they are, what they can do and what is programmed into them. Changes nothing on any of them.
     Identify(IdentifyArgs),
+    /// Examine a bench before its first use: instruments, probes, drive, limits, safe state, guardian; writes a signed report.
+    Doctor(command::doctor::DoctorArgs),
     /// Switch a bench off, whoever runs it, and print what was read back.
     Safe(command::safe::SafeArgs),
     /// Show why a bench is latched, and let it run again after a person has looked.
@@ -122,14 +130,16 @@ enum Command {
     Effects(command::effects::EffectsArgs),
     /// State of power: the most power that can be held, over duration and state of charge.
     Sop(command::sop::SopArgs),
-    /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
-    Serve(command::serve::ServeArgs),
-    /// Tokens that open a server's API.
-    Token(command::token::TokenArgs),
+    /// Write spectra, time series and models as other programs read them; read theirs.
+    Convert(command::convert::ConvertArgs),
     /// Send recorded captures through the present pipeline, and tell what changed.
     Replay(command::replay::ReplayArgs),
     /// Compare a run folder with its hashes, and recompute every number from its captures.
     Verify(command::verify::VerifyArgs),
+    /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
+    Serve(command::serve::ServeArgs),
+    /// Tokens that open a server's API.
+    Token(command::token::TokenArgs),
     /// Blind study of the diagnosis: effects hidden by the simulation, diagnosed without labels, scored.
     Study(command::study::StudyArgs),
 }
@@ -174,7 +184,18 @@ pub struct PlanArgs {
 #[derive(Debug, Args)]
 pub struct MockArgs {
     /// The bench file; needs a section `[simulation]`.
-    pub bench: PathBuf,
+    #[arg(required_unless_present = "replay")]
+    pub bench: Option<PathBuf>,
+    /// Serve a recorded conversation instead: `transcripts/ROLE.txt` of a run folder, or another transcript. It answers as then, and ends at the first
+    /// message that is another.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["bench", "time", "write_bench", "seed"])]
+    pub replay: Option<PathBuf>,
+    /// With --replay: the model whose conversation it is, where neither the file's name nor a manifest tells it.
+    #[arg(long, value_name = "KEY", requires = "replay")]
+    pub model: Option<String>,
+    /// With --replay: where to listen.
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:0", requires = "replay")]
+    pub listen: String,
     /// Print the addresses as one line of JSON.
     #[arg(long)]
     pub json: bool,
@@ -196,8 +217,9 @@ pub struct MockArgs {
 /// Arguments of `identify`.
 #[derive(Debug, Args)]
 pub struct IdentifyArgs {
-    /// The bench file.
-    pub bench: PathBuf,
+    /// Bench or experiment files, and addresses of single instruments: `tcp://HOST:PORT`, `serial:/dev/PORT?baud=9600`.
+    #[arg(required = true, value_name = "CONFIG|ADDRESS")]
+    pub of: Vec<String>,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
@@ -206,7 +228,7 @@ pub struct IdentifyArgs {
 /// Arguments of `fit`.
 #[derive(Debug, Args)]
 pub struct FitArgs {
-    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis' `freq,offset,resistance,theta`.
+    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis' `freq,offset,resistance,theta`, files of Gamry, EC-Lab, ZPlot, Autolab.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Leave out what is below this frequency, Hz.
@@ -259,6 +281,7 @@ pub fn main() -> ExitCode {
         Command::Plan(args) => command::plan::plan(&args),
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),
+        Command::Doctor(args) => command::doctor::doctor(&args),
         Command::Safe(args) => command::safe::safe(&args),
         Command::Clear(args) => command::clear::clear(&args),
         Command::Guardian(args) => command::guardian::guardian(&args),
@@ -272,10 +295,11 @@ pub fn main() -> ExitCode {
         Command::Investigate(args) => command::investigate::investigate(&args),
         Command::Effects(args) => command::effects::effects(&args),
         Command::Sop(args) => command::sop::sop(&args),
-        Command::Serve(args) => command::serve::serve(&args),
-        Command::Token(args) => command::token::token(&args),
+        Command::Convert(args) => command::convert::convert(&args),
         Command::Replay(args) => command::replay::replay(&args),
         Command::Verify(args) => command::verify::verify(&args),
+        Command::Serve(args) => command::serve::serve(&args),
+        Command::Token(args) => command::token::token(&args),
         Command::Study(args) => command::study::study(&args),
     };
     match result {
@@ -302,6 +326,7 @@ mod tests {
             "plan",
             "mock",
             "identify",
+            "doctor",
             "safe",
             "clear",
             "fit",
@@ -314,6 +339,7 @@ mod tests {
             "simulate",
             "serve",
             "pack",
+            "convert",
             "replay",
             "verify",
             "sop",

@@ -63,15 +63,23 @@ impl Custody {
     /// # Errors
     /// A bench that is run by somebody else or latched; a guardian that cannot reach its instruments.
     pub async fn take(experiment: &Experiment, run: &Path, (clock, doing): (&Clock, &Doing)) -> Result<Self, Failure> {
-        let Some(state) = State::of(&experiment.bench)? else { return Ok(Self { around: None, clock: clock.clone() }) };
-        let run = std::path::absolute(run)?;
-        let lock = state.lock(&run)?;
-        state.refuse_latched()?;
-        left(&experiment.bench, &state, clock).await?;
         let limits = &experiment.cell.limits;
         let source = experiment.sources.iter().find(|source| source.path() == experiment.bench.path);
         let sha256 = source.map_or_else(String::new, |source| hash::sha256(source.text()));
-        let charge = Charge { bench: &experiment.bench, run: &run, window_v: (limits.min_v, limits.max_v), sha256 };
+        Self::take_for(&Charge { bench: &experiment.bench, run, window_v: (limits.min_v, limits.max_v), sha256 }, (clock, doing)).await
+    }
+
+    /// The same for whatever is written into `charge.run`.
+    ///
+    /// # Errors
+    /// As [`Custody::take`].
+    pub async fn take_for(charge: &Charge<'_>, (clock, doing): (&Clock, &Doing)) -> Result<Self, Failure> {
+        let Some(state) = State::of(charge.bench)? else { return Ok(Self { around: None, clock: clock.clone() }) };
+        let run = std::path::absolute(charge.run)?;
+        let lock = state.lock(&run)?;
+        state.refuse_latched()?;
+        left(charge.bench, &state, clock).await?;
+        let charge = Charge { bench: charge.bench, run: &run, window_v: charge.window_v, sha256: charge.sha256.clone() };
         let keeper = Keeper::start(&charge, (clock, doing)).await?;
         if let Err(error) = state.begin(&run) {
             keeper.dismiss(clock).await;

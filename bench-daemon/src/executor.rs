@@ -1,12 +1,14 @@
 //! The one loop: steps of a checked plan → instruments → readings and records. Whoever drives it brings the bench into safe state afterwards,
 //! whatever the outcome.
 
+mod ahead;
 mod beside;
 mod crest;
 mod dc;
 mod entrance;
 mod error;
 mod gate;
+mod gate_bands;
 mod heed;
 mod leg;
 mod metered;
@@ -23,17 +25,19 @@ use analysis::{calibration::Correction, multisine::Line};
 use instruments::{
     clock::Clock,
     mock::plant::Fixture,
-    scope::Vertical,
+    scope::{Trigger, Vertical},
     supply4q,
-    units::{Amps, Volts},
+    units::{Amps, Seconds, Volts},
 };
 
 pub use beside::{Bend, Beside};
 pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
+pub use gate::Spent;
 pub(crate) use record::{Asked, Taken, analyse};
 pub use sine::SweepPoint;
+pub use trace::charge_of;
 
 use crate::{
     bench::{Bench, BenchError},
@@ -44,6 +48,7 @@ use crate::{
     plan::{Purpose, Specimen, Stage, Step, fixture_name},
     progress::Progress,
     record::Recorder,
+    thermostat::Thermostat,
 };
 
 /// Seconds between two readings while current flows.
@@ -106,12 +111,26 @@ pub struct Executor<'a> {
     legs: leg::Legs,
     /// When the scope was stopped last, s.
     stopped_s: f64,
+    /// The point after the one in work, where the generator may go on to it.
+    next: Option<ahead::Next>,
+    /// The step that is in the journal before its turn.
+    announced: Option<usize>,
+    /// The generator has gone on.
+    ahead: Option<ahead::Ahead>,
+    /// Time per division and trigger that the scope was armed with last.
+    armed: Option<(Seconds, Trigger)>,
+    /// How long the last reading took, s.
+    watch_took_s: f64,
     /// Where the reset of the state of charge stands.
     reset: dc::Reset,
     /// What went into measuring points of the sweep again.
     spent: gate::Spent,
     /// The chiller was started here, and is to go on running.
     chiller_runs: bool,
+    /// The loop of a bath that has none of its own.
+    thermostat: Option<Thermostat>,
+    /// It was said that the bipolar supply is not bounded.
+    told: bool,
 }
 
 /// The event from which on current may flow.
@@ -152,9 +171,16 @@ impl<'a> Executor<'a> {
             logger_ready: false,
             legs: leg::Legs::default(),
             stopped_s: 0.0,
+            next: None,
+            announced: None,
+            ahead: None,
+            armed: None,
+            watch_took_s: 0.0,
             reset: dc::Reset::default(),
             spent: gate::Spent::default(),
             chiller_runs: false,
+            thermostat: None,
+            told: false,
         }
     }
 
@@ -175,8 +201,13 @@ impl<'a> Executor<'a> {
         let mut points: Vec<SweepPoint> = Vec::new();
         let mut fixture = Fixture::Cell;
         self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose { repeat } else { 0 };
-        self.spent = gate::Spent::default();
+        self.spent = gate::Spent::of(entrance.points.iter().map(|known| &known.point));
+        if matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc) {
+            // Where it ends, nothing is left of what traces have moved before.
+            self.charge_c = 0.0;
+        }
         self.reset = dc::Reset::default();
+        (self.announced, self.ahead, self.armed) = (None, None, None);
         for (index, step) in stage.steps.iter().enumerate() {
             if let Some(known) = entrance.point(index) {
                 points.push(known.point.clone());
@@ -187,14 +218,21 @@ impl<'a> Executor<'a> {
             self.heed(stage, (index, fixture)).await?;
             tracing::info!("step: {step}");
             let allowance = self.allowance(fixture, step);
-            self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string(), live: allowance.live })?;
-            self.recorder.event(&step.to_string())?;
+            if !self.was_announced(index) {
+                self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string(), live: allowance.live })?;
+                self.recorder.event(&step.to_string())?;
+            }
+            self.look_ahead((number, stage), index, |at, step| entrance.plays(stage, (at, step)));
             self.progress.begin(&stage.purpose.to_string(), step);
             self.interlock.begin(allowance, self.clock.machine_s());
             if let Step::Mount(other) = *step {
                 fixture = other;
             }
             match *step {
+                Step::Recheck { .. } if matches!(stage.purpose, Purpose::Multisine(_)) => {
+                    self.recheck_bands(stage, &mut points).await?;
+                    self.recorder.journal(Entry::Done { stage: number, step: index })?;
+                }
                 Step::Recheck { .. } => {
                     for at in self.recheck(fixture, stage, &mut points).await? {
                         // The later entry of a step counts.
@@ -203,7 +241,7 @@ impl<'a> Executor<'a> {
                     self.recorder.journal(Entry::Done { stage: number, step: index })?;
                 }
                 Step::Multisine(ref band) => {
-                    points.extend(self.multisine(band).await?);
+                    self.gated_band(band, &mut points).await?;
                     self.recorder.journal(Entry::Done { stage: number, step: index })?;
                 }
                 _ => {
@@ -223,6 +261,11 @@ impl<'a> Executor<'a> {
             self.idle = first.idle;
         }
         Ok(points)
+    }
+
+    /// Takes over from an earlier process: the cell that was in use, and the charge that traces have left in it, C.
+    pub fn take_over(&mut self, specimen: Option<Arc<Specimen>>, charge_c: f64) {
+        (self.specimen, self.charge_c) = (specimen, charge_c);
     }
 
     /// Plays one step; a sine gives a point.
@@ -309,6 +352,27 @@ impl<'a> Executor<'a> {
         self.power_up(fixture, &supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) }).await
     }
 
+    /// A supply that takes no limit of the voltage says what it would go to by itself.
+    async fn tell_own_limits(&mut self, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
+        let error = self.bench.error("supply4q");
+        let supply = require(&mut self.bench.supply4q, "supply4q")?;
+        if supply.capabilities().holds != supply4q::Holds::Nothing {
+            return Ok(());
+        }
+        let Some(own) = supply.own_limits().await.map_err(error)? else { return Ok(()) };
+        let text = format!(
+            "bipolar supply: takes no compliance and no current limit; its own set-point limits are {} V to {} V, {} A to {} A",
+            own.volts.0, own.volts.1, own.amps.0, own.amps.1
+        );
+        self.recorder.event(&text)?;
+        let wider = own.volts.1.max(-own.volts.0) > limits.compliance.value() || own.amps.1.max(-own.amps.0) > limits.current.value();
+        if wider && !self.told {
+            self.told = true;
+            self.recorder.warning(&format!("{text}: beyond the limits of this run only the daemon's readings and a fuse hold it"));
+        }
+        Ok(())
+    }
+
     async fn power_up(&mut self, fixture: Fixture, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
         let error = self.bench.error("generator");
         let offset = Volts(self.experiment.bench.wiring.command_offset_v);
@@ -318,6 +382,7 @@ impl<'a> Executor<'a> {
         let error = self.bench.error("supply4q");
         let supply = require(&mut self.bench.supply4q, "supply4q")?;
         supply.prepare(limits).await.map_err(&error)?;
+        self.tell_own_limits(limits).await?;
         if fixture == Fixture::Cell {
             // A cell that is missing, reversed, ruined or too hot must not be driven: it is read while the output is still off.
             let mut reading = self.read_supply4q().await?;

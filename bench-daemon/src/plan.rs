@@ -11,7 +11,7 @@ mod words;
 
 use std::sync::Arc;
 
-use instruments::mock::plant::Fixture;
+use instruments::{mock::plant::Fixture, supply4q::Holds};
 
 pub use crash::AfterCrash;
 pub use leg::{Flow, Leg, Log};
@@ -117,8 +117,8 @@ pub enum Step {
         compliance_v: f64,
         /// Current limit, A: the daemon judges its readings by it, and the supply holds it where it can.
         limit_a: f64,
-        /// The supply holds it by itself while the generator commands the current.
-        held: bool,
+        /// What of it the supply holds by itself while the generator commands the current.
+        held: Holds,
     },
     /// One sinusoid is driven and captured.
     Sine {

@@ -5,6 +5,28 @@ use analysis::{
     report::{Level, Table, Verdict},
 };
 
+/// A time, s since 1970, as a date in UTC: `2026-11-22T06:07:06Z`.
+pub fn utc(unix_s: f64) -> String {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is not negative, and saturates")]
+    let seconds = unix_s.max(0.0) as u64;
+    let (mut day, second) = (seconds / 86_400, seconds % 86_400);
+    let leap = |year: u64| year.is_multiple_of(4) && !year.is_multiple_of(100) || year.is_multiple_of(400);
+    let mut year = 1970;
+    while day >= 365 + u64::from(leap(year)) {
+        day -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let mut month = 1;
+    for length in [31, 28 + u64::from(leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30] {
+        if day < length {
+            break;
+        }
+        day -= length;
+        month += 1;
+    }
+    format!("{year:04}-{month:02}-{:02}T{:02}:{:02}:{:02}Z", day + 1, second / 3600, second / 60 % 60, second % 60)
+}
+
 /// One row per order.
 pub fn models_table(fits: &[ErmFit]) -> Table {
     let header = ["RC", "objective", "R / mΩ", "DC resistance / mΩ", "rms residual / µΩ", "reduced χ²"];
@@ -81,6 +103,19 @@ pub fn significant(value: f64, digits: i32) -> String {
 #[cfg(test)]
 mod tests {
     use super::significant;
+
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        for (unix_s, date) in [
+            (0.0, "1970-01-01T00:00:00Z"),
+            (951_782_399.0, "2000-02-28T23:59:59Z"),
+            (951_782_400.0, "2000-02-29T00:00:00Z"),
+            (1_735_689_599.9, "2024-12-31T23:59:59Z"),
+            (1_795_327_626.0, "2026-11-22T06:07:06Z"),
+        ] {
+            assert_eq!(super::utc(unix_s), date);
+        }
+    }
 
     #[test]
     fn numbers_keep_their_significant_digits() {

@@ -51,7 +51,7 @@ pub enum RecordError {
         source: std::io::Error,
     },
     /// A table.
-    #[error(transparent)]
+    #[error("{}", with_causes(.0))]
     Dataset(#[from] DatasetError),
     /// The journal.
     #[error(transparent)]
@@ -249,6 +249,12 @@ impl Recorder {
         self.room(name)?;
         Ok(dataset::write_atomically(&self.path(name), text.as_bytes())?)
     }
+}
+
+/// An error and what has caused it, which is what a person can mend.
+pub(crate) fn with_causes(error: &dyn std::error::Error) -> String {
+    let causes = std::iter::successors(error.source(), |cause| cause.source());
+    causes.fold(error.to_string(), |text, cause| format!("{text}: {cause}"))
 }
 
 fn create(path: &Path) -> Result<BufWriter<File>, RecordError> {

@@ -3,6 +3,7 @@
 mod ports;
 
 use std::{
+    collections::BTreeMap,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
 };
@@ -10,7 +11,7 @@ use std::{
 use fixtures::{Scenario, SimulatedBench};
 use instruments::{
     clock::Clock,
-    mock::{self, FaultLog, Happened, MockOptions, Schedule, plant::SharedPlant},
+    mock::{self, FaultLog, Happened, MockOptions, Schedule, plant::SharedPlant, quirks::Quirks},
     transport::{Address, MemoryHub},
 };
 
@@ -56,6 +57,7 @@ pub struct Simulation {
     world: Arc<Mutex<SimulatedBench>>,
     faults: Option<Schedule>,
     happened: FaultLog,
+    quirks: BTreeMap<&'static str, Quirks>,
 }
 
 /// Where a mock listens.
@@ -85,13 +87,19 @@ impl Simulation {
     pub fn of(source: &Source, seed: u64) -> Result<Self, SimError> {
         let scenario: Scenario = source.parse()?;
         let world = SimulatedBench::new(&scenario, seed).map_err(|error| source.complain(&error.field, error.to_string()))?;
-        Ok(Self { world: Arc::new(Mutex::new(world)), faults: None, happened: FaultLog::default() })
+        Ok(Self { world: Arc::new(Mutex::new(world)), faults: None, happened: FaultLog::default(), quirks: BTreeMap::new() })
     }
 
     /// The same with faults between the instruments and whoever speaks to them.
     #[must_use]
     pub fn with_faults(self, faults: Option<Schedule>) -> Self {
         Self { faults, ..self }
+    }
+
+    /// The same with mocks that are told to do some things differently, by role.
+    #[must_use]
+    pub fn with_quirks(self, quirks: BTreeMap<&'static str, Quirks>) -> Self {
+        Self { quirks, ..self }
     }
 
     /// The faults that have happened.
@@ -147,7 +155,7 @@ impl Simulation {
 
     fn device(&self, role: &'static str, model: &str) -> Result<Box<dyn mock::Device>, SimError> {
         let plant: SharedPlant = self.world.clone();
-        let options = MockOptions::default();
+        let options = MockOptions { quirks: self.quirks.get(role).cloned().unwrap_or_default(), ..MockOptions::default() };
         let made = match &self.faults {
             Some(faults) => mock::make_troubled(model, (plant, &options), faults, &self.happened),
             None => mock::make(model, plant, &options),

@@ -23,7 +23,7 @@ pub use files::{Holder, OpenRun};
 use files::{Latch, json, make, named_holder, open, read, remove};
 pub use latched::Latched;
 pub use place::VARIABLE;
-pub use process::{began, is_stopped, pid};
+pub use process::{began, is_stopped, pid, who};
 
 use crate::config;
 
@@ -102,8 +102,9 @@ impl State {
         places.iter().try_for_each(|place| make(place))?;
         places.push(own);
         places.sort_unstable();
-        let state =
-            Self { folder, bench: bench.name.clone(), file: std::path::absolute(&bench.path).unwrap_or(bench.path.clone()), places };
+        // However a file is reached, it is one file.
+        let file = fs::canonicalize(&bench.path).or_else(|_| std::path::absolute(&bench.path)).unwrap_or_else(|_| bench.path.clone());
+        let state = Self { folder, bench: bench.name.clone(), file, places };
         // Whatever is wrong with a folder is to show before anything is energised.
         state.places.iter().try_for_each(|place| open(&place.join(LOCK)).map(|_| ()))?;
         Ok(Some(state))

@@ -176,12 +176,12 @@ pub(crate) fn test_started() -> Entry {
 mod tests {
     use super::*;
     use crate::plan::test_trace;
-    use instruments::mock::plant::Fixture;
+    use instruments::{mock::plant::Fixture, supply4q::Holds};
 
     const DISCHARGE: Step = Step::Discharge { current_a: 5.0, until_v: 3.5, max_s: 60.0 };
     const CHARGE: Step = Step::Charge { current_a: 3.0, limit_v: 4.2, until_v: 3.8, max_s: 60.0 };
     const REST: Step = Step::Rest { min_s: 1.0, max_s: 2.0, slope_v_per_s: 1.0e-6 };
-    const UP: Step = Step::PowerUp { compliance_v: 4.5, limit_a: 2.0, held: true };
+    const UP: Step = Step::PowerUp { compliance_v: 4.5, limit_a: 2.0, held: Holds::CurrentAndVoltage };
 
     fn sine(index: usize) -> Step {
         Step::Sine { index, freq_hz: 1.0, amplitude_a: 1.0, wait_s: 12.0 }

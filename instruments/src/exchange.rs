@@ -37,6 +37,8 @@ pub enum Exchange {
         message: String,
         /// What the answer must be.
         expect: Expect,
+        /// The query that shows what the instrument made of it, and what its answer must be; none where the confirmation says it all.
+        read_back: Option<(String, Expect)>,
     },
     /// Not sent: what was wanted cannot be written as a message, such as a number that is none. Playing it is an error.
     Refuse {
@@ -68,6 +70,13 @@ pub enum Expect {
     Switch(bool),
     /// One of these words, whatever the case.
     Word(&'static [&'static str]),
+    /// One of these words; other answers are told with their meaning where it is known.
+    Confirmed {
+        /// What is as good as done.
+        words: &'static [&'static str],
+        /// Refusals and what they mean.
+        refusals: &'static [(&'static str, &'static str)],
+    },
     /// A field of a Siglent `KEY,value,KEY,value` answer with a number within `tolerance` of `value`.
     Fields(Vec<(&'static str, f64, f64)>),
     /// A field of a Siglent `KEY,value,KEY,value` answer with this word.
@@ -160,6 +169,17 @@ impl Expect {
                 .any(|word| answer.trim().eq_ignore_ascii_case(word))
                 .then_some(())
                 .ok_or_else(|| format!("one of {}", words.join(", "))),
+            Self::Confirmed { words, refusals } => {
+                if words.contains(&answer.trim()) {
+                    return Ok(());
+                }
+                let meaning = refusals.iter().find(|(code, _)| *code == answer.trim());
+                Err(format!(
+                    "{}{}",
+                    words.join(" or "),
+                    meaning.map_or_else(String::new, |(code, meaning)| format!(" ({code}: {meaning})"))
+                ))
+            }
             Self::Fields(fields) => fields.iter().try_for_each(|(key, value, tolerance)| {
                 let text = field(answer, key).ok_or_else(|| format!("a field {key}"))?;
                 // A long answer is cut where it is shown, perhaps before this field.
@@ -200,9 +220,13 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
                 believe(link, read_back, expect, outcome).await?;
             }
             Exchange::Data { head, data } => link.send_data(head, data).await?,
-            Exchange::Ask { message, expect } => {
+            Exchange::Ask { message, expect, read_back } => {
                 let answer = link.query(message).await?;
                 expect.judge(&answer).map_err(|expected| LinkError::unexpected(link.name(), message, &answer, &expected))?;
+                if let Some((query, expect)) = read_back {
+                    let answer = link.query(query).await?;
+                    expect.judge(&answer).map_err(|expected| LinkError::unexpected(link.name(), query, &answer, &expected))?;
+                }
             }
             Exchange::Refuse { message, reason } => {
                 return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason: reason.clone() });
@@ -263,7 +287,9 @@ pub struct Answer {
 pub async fn look(link: &mut Link, script: &[Exchange]) -> Result<Vec<Answer>, LinkError> {
     let mut answers = Vec::new();
     for exchange in script {
-        let Exchange::Set { read_back, expect, .. } = exchange else { continue };
+        let (Exchange::Set { read_back, expect, .. } | Exchange::Ask { read_back: Some((read_back, expect)), .. }) = exchange else {
+            continue;
+        };
         let answer = link.query(read_back).await?;
         answers.push(Answer { question: read_back.clone(), as_scripted: expect.judge(&answer).is_ok(), answer });
     }
@@ -281,9 +307,16 @@ pub async fn forget_errors(link: &mut Link) -> Result<(), LinkError> {
     Ok(())
 }
 
-/// The number at the start of an answer, whatever unit follows it.
+/// The number at the start of an answer, whatever unit follows it; a header such as `#MRI:` before it is skipped.
 pub fn leading_number(answer: &str) -> Option<f64> {
-    parse_quantity(answer).ok().map(|quantity| quantity.value)
+    parse_quantity(after_header(answer)).ok().map(|quantity| quantity.value)
+}
+
+/// What follows the `#HEADER:` of protocols that repeat the question in the answer; all of an answer without one.
+pub fn after_header(answer: &str) -> &str {
+    let named = |header: &str| !header.is_empty() && header.bytes().all(|byte| byte.is_ascii_uppercase());
+    let header = answer.trim().strip_prefix('#').and_then(|rest| rest.split_once(':'));
+    header.filter(|(header, _)| named(header)).map_or(answer, |(_, value)| value)
 }
 
 /// The value behind `key` in a `KEY,value,KEY,value` list; a header such as `C1:BSWV ` before the list is skipped.
@@ -299,9 +332,9 @@ pub fn field<'a>(answer: &'a str, key: &str) -> Option<&'a str> {
     None
 }
 
-/// A hexadecimal status word such as `0x0224`.
+/// A hexadecimal status word such as `0x0224` or `#MST:08000002`.
 pub fn hex_word(answer: &str) -> Option<u32> {
-    let text = answer.trim();
+    let text = after_header(answer).trim();
     let digits = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")).unwrap_or(text);
     u32::from_str_radix(digits, 16).ok()
 }
@@ -330,9 +363,14 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Splits an `*IDN?` answer at its commas; answers without commas (old Kepco cards, Julabo) give maker and model by their first blank.
+    /// Splits an `*IDN?` answer at its commas; answers without commas (old Kepco cards, Julabo) give maker and model by their first blank, and
+    /// `#VER:model:firmware` is CAENels'.
     pub fn parse(raw: &str) -> Self {
         let raw = raw.trim().to_owned();
+        if let Some((model, firmware)) = raw.strip_prefix("#VER:").map(|rest| rest.split_once(':').unwrap_or((rest, ""))) {
+            let (model, firmware) = (model.to_owned(), firmware.to_owned());
+            return Self { raw, maker: "CAENels".to_owned(), model, serial: String::new(), firmware };
+        }
         let fields: Vec<String> = parse_response(&raw).into_iter().map(|field| field.text.trim().to_owned()).collect();
         let (maker, model, serial, firmware) = match fields.as_slice() {
             [maker, model, serial, rest @ ..] => (maker.clone(), model.clone(), serial.clone(), rest.join(",")),

@@ -23,6 +23,9 @@ pub struct SweepEntry {
     pub file: String,
     /// What was in the jig: `cell` or `shunt`.
     pub fixture: String,
+    /// Name of the cell in a campaign of several; without it, that of the index.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell: Option<String>,
     /// Known resistance of the fixture, Ω; none for a cell.
     pub fixture_ohm: Option<f64>,
     /// The harness is corrected by control impedances.
@@ -64,6 +67,9 @@ pub struct TraceEntry {
     pub file: String,
     /// Name of the trace in the experiment.
     pub name: String,
+    /// Name of the cell in a campaign of several; without it, that of the index.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell: Option<String>,
     /// Number of the repeat, from 1.
     pub repeat: usize,
     /// Place among all sweeps and traces of the run, from 0.

@@ -14,15 +14,23 @@
 //! Names: a file that holds one spectrum gives it the file's name without extension. The tidy table's are `cell0_3` (cell 0, repeat 3),
 //! `shunt_0`, `fake_cell_0` (fixture, repeat), with the bias at the end where it is not zero: `cell0_0_-2A`, `cell0_0_+5A`.
 //!
-//! Vendors' files (Gamry, BioLogic, ZPlot, …) are not read yet. Current and voltage over time: [`read_series`].
+//! Files of potentiostats' programs (Gamry, BioLogic, ZPlot, Autolab, …): the module `vendor`. Records of oscilloscopes: [`scope`]. Current and voltage over
+//! time: [`read_series`]. What is written for others: [`spectrum_text`].
 
+mod bdf;
 mod error;
 mod layout;
+pub mod model;
+pub mod scope;
 mod text;
 mod timeseries;
+mod vendor;
+mod write;
 
+pub use bdf::{bdf_text, write_bdf_parquet};
 pub use error::FormatError;
 pub use timeseries::{CurrentSign, SeriesOptions, SeriesReadError, read_series};
+pub use write::{SpectrumFormat, spectrum_text};
 
 use crate::spectrum::Spectrum;
 use std::path::Path;
@@ -100,7 +108,11 @@ pub fn read_sourced(path: &Path) -> Result<Vec<SourcedSpectrum>, FormatError> {
 /// # Errors
 /// As [`read_spectra`], but for reading.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<SourcedSpectrum>, FormatError> {
-    layout::parse(&text::Text::new(path, bytes)?)
+    let own = text::Text::new(path, bytes).and_then(|text| layout::parse(&text));
+    match own {
+        Err(error @ (FormatError::UnknownFormat { .. } | FormatError::NotText { .. })) => vendor::parse(path, bytes).unwrap_or(Err(error)),
+        other => other,
+    }
 }
 
 #[cfg(test)]

@@ -59,7 +59,7 @@ fn the_tidy_table_is_one_spectrum_per_key() {
 #[test]
 fn errors_name_the_place_and_what_was_expected() {
     let known = "three numbers (frequency, Re, Im) or one of the headers \"freq_hz,z_re_ohm,z_im_ohm[,…]\", \
-                 \"freq,offset,resistance,theta\", \"fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad\"";
+                 \"freq,offset,resistance,theta\", \"fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad\", or a file of Gamry, EC-Lab, ZPlot or Autolab";
     let header = "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2\n";
     let cases: [(String, String); 15] = [
         (String::new(), ": expected at least one line with a frequency and an impedance, met an empty file".into()),

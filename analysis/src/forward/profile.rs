@@ -3,6 +3,7 @@
 mod read;
 
 use super::law::Demand;
+use crate::formats::SeriesReadError;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -59,6 +60,9 @@ pub enum ProfileError {
         /// The file system's answer.
         source: std::io::Error,
     },
+    /// A measured series that is none.
+    #[error(transparent)]
+    Series(#[from] SeriesReadError),
     /// A line that is not as expected.
     #[error("{}, line {line}: expected {expected}, met {met}", file.display())]
     Line {

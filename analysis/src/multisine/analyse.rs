@@ -228,6 +228,34 @@ pub fn nonlinear(fit: &MultisineFit) -> Vec<Line> {
     fit.excited.iter().map(line).collect()
 }
 
+/// How much faster the excitation's clock runs than the record's, as a share, and its standard deviation: between an early and a late part of the record, whole
+/// periods each, the phase of the current's line at f turns by 2π·f·ε·Δt. `None` for a record of fewer than four periods.
+pub fn clock_offset(channels: [&[f64]; 4], interval_s: f64, (base_hz, harmonics): (f64, &[usize])) -> Option<(f64, f64)> {
+    let count = channels[0].len();
+    let whole = (count as f64 * interval_s * base_hz).round() as usize;
+    let half = whole / 2;
+    if half < 2 || harmonics.len() < 2 {
+        return None;
+    }
+    let period = count as f64 / whole as f64;
+    // Samples of whole periods, as exactly as there are samples; the phase of each part counts from sample 0.
+    let length = (half as f64 * period).round() as usize;
+    let later = count - length;
+    let phasor = |harmonic: usize, from: usize| -> Complex64 {
+        let turn = std::f64::consts::TAU * harmonic as f64 / period;
+        let sample = |k: usize| channels[1][k] - channels[0][k];
+        let mean = (from..from + length).map(sample).sum::<f64>() / length as f64;
+        (from..from + length).map(|k| (sample(k) - mean) * Complex64::from_polar(1.0, -turn * k as f64)).sum()
+    };
+    // Each line's turn, over what it would be for ε = 1, weighed by the square of that.
+    let span = std::f64::consts::TAU * later as f64 / period;
+    let turns: Vec<(f64, f64)> = harmonics.iter().map(|h| (span * *h as f64, (phasor(*h, later) / phasor(*h, 0)).arg())).collect();
+    let square: f64 = turns.iter().map(|(of_one, _)| of_one * of_one).sum();
+    let offset = turns.iter().map(|(of_one, turn)| of_one * turn).sum::<f64>() / square;
+    let left: f64 = turns.iter().map(|(of_one, turn)| (turn - offset * of_one).powi(2)).sum();
+    Some((offset, (left / (turns.len() - 1) as f64 / square).sqrt()))
+}
+
 fn between(known: &[(f64, Complex64)], freq_hz: f64) -> Complex64 {
     let after = known.partition_point(|(f, _)| *f < freq_hz);
     match (after.checked_sub(1).and_then(|before| known.get(before)), known.get(after)) {
@@ -347,6 +375,24 @@ mod tests {
         };
         assert!(ratio(&Case { noise_v: 1.0e-3, square: 0.0, cube: 0.0, drift_v: 0.0 }) < 3.0);
         assert!(ratio(&Case { noise_v: 1.0e-5, square: 0.0, cube: 60.0, drift_v: 0.0 }) > 10.0);
+    }
+
+    #[test]
+    fn a_clock_that_runs_fast_shows_in_the_turn_of_the_lines() {
+        let harmonics = odd_grid(0.5, (0.5, 20.0), 8);
+        let found = design(&harmonics, 1);
+        let mut rng = Rng::new(5);
+        for ppm in [0.0, 30.0, -200.0] {
+            let at = |k: u32| {
+                let t = 1.0e-3 * f64::from(k) * (1.0 + 1.0e-6 * ppm);
+                harmonics.iter().zip(&found.phases_rad).map(|(h, phase)| (TAU * 0.5 * *h as f64 * t + phase).cos()).sum::<f64>()
+            };
+            let current: Vec<f64> = (0..10_000).map(|k| 0.01 * at(k) + 1.0e-4 * (rng.uniform() - 0.5)).collect();
+            let nothing = vec![0.0; current.len()];
+            let channels = [nothing.as_slice(), current.as_slice(), nothing.as_slice(), nothing.as_slice()];
+            let (offset, sigma) = clock_offset(channels, 1.0e-3, (0.5, &harmonics)).unwrap();
+            assert!((1.0e6 * offset - ppm).abs() < 5.0e6 * sigma && sigma < 5.0e-6, "{ppm} ppm: {offset:e} ± {sigma:e}");
+        }
     }
 
     #[test]

@@ -76,3 +76,15 @@ pub fn assess(spectra: &[Spectrum], records: &[Record]) -> Result<Assessment, Va
     let judged = spectra.iter().zip(&noises).map(judge).collect::<Result<_, ValidityError>>()?;
     Ok(Assessment { spectra: judged, linearity, stationarity })
 }
+
+/// Judges one spectrum by a noise that is known of it, such as an estimate of few degrees of freedom.
+///
+/// # Errors
+/// As [`assess`].
+pub fn assess_by(spectrum: &Spectrum, noise: &Noise) -> Result<Assessed, ValidityError> {
+    spectrum.validate()?;
+    let kramers_kronig = kramers_kronig(spectrum, noise)?;
+    let z_hit = z_hit(spectrum, noise, &kramers_kronig);
+    let findings = Findings { kk: &kramers_kronig, z_hit: &z_hit, linearity: None, stationarity: None, records: &[] };
+    Ok(Assessed { name: spectrum.name.clone(), verdict: verdict(&findings), kramers_kronig, z_hit })
+}

@@ -2,8 +2,10 @@
 //!
 //! For amplitudes the change of Z from the smallest to the largest is held against its uncertainty at every frequency, the probabilities
 //! corrected for their number after Holm. For harmonics the size of an error of Z is told: in a polynomial without memory, v = Σ aₙ iⁿ, the term of odd order n
-//! puts C(n, (n−1)/2) times its n-th harmonic into the fundamental (3 times the third, 10 times the fifth), even orders nothing.
+//! puts C(n, (n−1)/2) times its n-th harmonic into the fundamental (3 times the third, 10 times the fifth), even orders nothing. A sweep has many harmonics,
+//! so that these probabilities are corrected, too.
 
+use super::assess::Record;
 use super::noise::Noise;
 use super::tail::{holm, pair_tail};
 use super::{FALSE_ALARM_RATE, same_grid};
@@ -109,10 +111,20 @@ pub struct Harmonic {
     pub sigma: f64,
 }
 
+/// Which harmonics are larger than noise explains, record by record, with one false alarm in a hundred sweeps: the probabilities are corrected after Holm for
+/// all harmonics of all records that can speak against a point. Even orders do not (see [`Harmonic::error_percent`]) and are not counted.
+pub fn beyond_noise(records: &[Record]) -> Vec<Vec<bool>> {
+    let can = |harmonic: &&Harmonic| !harmonic.order.is_multiple_of(2);
+    let tested: Vec<f64> = records.iter().flat_map(|record| record.harmonics.iter().filter(can)).map(Harmonic::p).collect();
+    let mut adjusted = holm(&tested).into_iter();
+    let mut judge = |harmonic: &Harmonic| can(&harmonic) && adjusted.next().is_some_and(|p| p < FALSE_ALARM_RATE);
+    records.iter().map(|record| record.harmonics.iter().map(&mut judge).collect()).collect()
+}
+
 impl Harmonic {
-    /// The harmonic is larger than noise explains (one false alarm in a hundred).
-    pub fn is_significant(&self) -> bool {
-        pair_tail((self.ratio / self.sigma).powi(2), None) < FALSE_ALARM_RATE
+    /// Probability that noise alone makes as much, by itself.
+    fn p(&self) -> f64 {
+        pair_tail((self.ratio / self.sigma).powi(2), None)
     }
 
     /// How much the same nonlinearity may have changed Z, %.

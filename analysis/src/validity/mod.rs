@@ -15,9 +15,9 @@ pub(crate) mod tail;
 mod verdict;
 mod z_hit;
 
-pub use assess::{Assessed, Assessment, Record, assess};
+pub use assess::{Assessed, Assessment, Record, assess, assess_by};
 pub use kramers_kronig::{FEWEST_POINTS, KkOutcome, KkPoint, KramersKronig, kramers_kronig};
-pub use linearity::{Harmonic, Linearity, LinearityPoint, linearity};
+pub use linearity::{Harmonic, Linearity, LinearityPoint, beyond_noise, linearity};
 pub use noise::{FEWEST_REPEATS, Noise, NoiseSource};
 pub use stationarity::{Drift, DriftShape, Stationarity, StationarityPoint, stationarity};
 pub use verdict::{Grade, PointVerdict, SpectrumVerdict};

@@ -244,8 +244,30 @@ fn harmonics_tell_the_error_of_a_polynomial() {
         let harmonic = Harmonic { order: order.unsigned_abs(), ratio: coefficient(f64::from(order)), sigma: 1e-5 };
         let error = 100.0 * (coefficient(1.0) - 1.0);
         assert!((harmonic.error_percent() - error).abs() < 1e-6, "order {order}: {} for {error}", harmonic.error_percent());
-        assert!(harmonic.is_significant());
+        let record = Record { freq_hz: 1.0, harmonics: vec![harmonic], drift: None };
+        assert_eq!(beyond_noise(&[record]), [[order % 2 == 1]], "an even order changes nothing");
     }
+}
+
+#[test]
+fn of_a_hundred_sweeps_of_noise_one_has_a_harmonic_however_many_points_it_has() {
+    let mut rng = crate::fit::Rng::new(11);
+    let mut gauss = move || (0..12).map(|_| rng.uniform()).sum::<f64>() - 6.0;
+    for points in [5, 20, 60] {
+        let mut harmonic = |order| Harmonic { order, ratio: 1e-3 * gauss().hypot(gauss()), sigma: 1e-3 };
+        let mut sweep = || -> Vec<Record> {
+            (0..points).map(|k| Record { freq_hz: f64::from(k), harmonics: vec![harmonic(2), harmonic(3)], drift: None }).collect()
+        };
+        let found = (0..3000).filter(|_| beyond_noise(&sweep()).iter().flatten().any(|beyond| *beyond)).count();
+        // One in a hundred, and four standard deviations of that.
+        assert!((8..=52).contains(&found), "{points} points: {found} of 3000");
+    }
+    // What is no noise is found among many that are.
+    let mut records: Vec<Record> = (0..40)
+        .map(|k| Record { freq_hz: f64::from(k), harmonics: vec![Harmonic { order: 3, ratio: 1e-3, sigma: 1e-3 }], drift: None })
+        .collect();
+    records[7].harmonics[0].ratio = 6e-3;
+    assert_eq!(beyond_noise(&records).iter().position(|beyond| beyond[0]), Some(7));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::assess::Record;
 use super::kramers_kronig::{KkOutcome, KkPoint, KramersKronig};
-use super::linearity::Linearity;
+use super::linearity::{Linearity, beyond_noise};
 use super::noise::NoiseSource;
 use super::stationarity::Stationarity;
 use super::z_hit::ZHit;
@@ -87,7 +87,8 @@ impl PointVerdict {
 }
 
 pub(super) fn verdict(findings: &Findings<'_>) -> SpectrumVerdict {
-    let points: Vec<PointVerdict> = (0..findings.kk.points.len()).map(|k| point(findings, k)).collect();
+    let harmonics = beyond_noise(findings.records);
+    let points: Vec<PointVerdict> = (0..findings.kk.points.len()).map(|k| point(findings, &harmonics, k)).collect();
     let valid_band_hz = valid_band(&points, findings.kk);
     let bad: Vec<usize> = (0..points.len()).filter(|k| points[*k].grade == Grade::Bad).collect();
     let doubtful = points.iter().any(|p| p.grade == Grade::Doubtful);
@@ -102,7 +103,7 @@ pub(super) fn verdict(findings: &Findings<'_>) -> SpectrumVerdict {
     SpectrumVerdict { grade, text, valid_band_hz, points }
 }
 
-fn point(findings: &Findings<'_>, k: usize) -> PointVerdict {
+fn point(findings: &Findings<'_>, harmonics: &[Vec<bool>], k: usize) -> PointVerdict {
     let kk = &findings.kk.points[k];
     let mut verdict = PointVerdict { freq_hz: kk.freq_hz, grade: Grade::Good, reasons: Vec::new(), repeats_differ: false };
     by_kramers_kronig(findings.kk, k, &mut verdict);
@@ -122,8 +123,8 @@ fn point(findings: &Findings<'_>, k: usize) -> PointVerdict {
     if let Some(l) = findings.linearity.and_then(|l| l.points.get(k)).filter(|l| l.nonlinear) {
         verdict.add(Grade::Bad, format!("Z changes by {:.2} % with the amplitude: not linear", l.change_percent));
     }
-    for record in findings.records.iter().filter(|r| (r.freq_hz / kk.freq_hz - 1.0).abs() < 1e-3) {
-        by_record(record, &mut verdict);
+    for (record, beyond) in findings.records.iter().zip(harmonics).filter(|(r, _)| (r.freq_hz / kk.freq_hz - 1.0).abs() < 1e-3) {
+        by_record((record, beyond), &mut verdict);
     }
     if let Some(s) = findings.stationarity.and_then(|s| s.points.get(k)) {
         verdict.repeats_differ = s.drifts() || s.scatters();
@@ -182,9 +183,11 @@ fn by_kramers_kronig(kk: &KramersKronig, k: usize, verdict: &mut PointVerdict) {
     }
 }
 
-fn by_record(record: &Record, verdict: &mut PointVerdict) {
+fn by_record((record, beyond): (&Record, &[bool]), verdict: &mut PointVerdict) {
     let grade = |percent: f64| if percent > RECORD_ERROR_PERCENT.1 { Grade::Bad } else { Grade::Doubtful };
-    for harmonic in record.harmonics.iter().filter(|h| h.is_significant() && h.error_percent() > RECORD_ERROR_PERCENT.0) {
+    let found =
+        record.harmonics.iter().zip(beyond).filter(|(harmonic, beyond)| **beyond && harmonic.error_percent() > RECORD_ERROR_PERCENT.0);
+    for (harmonic, _) in found {
         let error = harmonic.error_percent();
         let (order, ratio) = (harmonic.order, 100.0 * harmonic.ratio);
         verdict.add(grade(error), format!("harmonic {order} of {ratio:.2} %: not linear, Z may be off by {error:.1} %"));

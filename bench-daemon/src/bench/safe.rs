@@ -19,7 +19,7 @@ const SAFE_SETTLE_S: f64 = 0.5;
 const QUIET_DEADLINE: Duration = Duration::from_secs(2);
 
 impl Bench {
-    /// Switches everything off that can move charge, and proves it: each output is read back, and half a second later no current may flow.
+    /// Switches everything off that can move charge, and the relays of a bath without a loop of its own, and proves it: each output is read back, and half a second later no current may flow.
     ///
     /// The generator is brought to its least sine first, which ends the current at once; its output goes off only when the supply's is known to be off,
     /// for without its offset the supply's zero error would flow, or when it does not take the least sine. Load and charger are switched off at the same
@@ -105,8 +105,14 @@ impl Bench {
             fresh(supply).await;
             supply.safe().await
         };
-        let ((supply4q, generator), load, supply) = tokio::join!(driven, discharged, charged);
-        [("supply4q", supply4q), ("generator", generator), ("load", load), ("supply", supply)]
+        let bath = self.chiller.as_mut().filter(|chiller| chiller.is_regulated());
+        let relays = async move {
+            let Some(bath) = bath else { return Ok(()) };
+            fresh(bath).await;
+            bath.pulse(0.0).await
+        };
+        let ((supply4q, generator), load, supply, chiller) = tokio::join!(driven, discharged, charged, relays);
+        [("supply4q", supply4q), ("generator", generator), ("load", load), ("supply", supply), ("chiller", chiller)]
             .into_iter()
             .filter_map(|(role, outcome)| outcome.err().map(|source| wrap(role, self.model(role), source)))
             .collect()

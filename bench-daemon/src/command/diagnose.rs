@@ -3,14 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    diagnosis::{BaseModel, DiagnosisOptions, Outcome, gate, report},
+    diagnosis::{BaseModel, DiagnosisOptions, Fixture, Outcome, gate, report},
     fit::ModelFile,
 };
 
 use super::{Failure, files};
 use crate::{
     dataset::{Loaded, read_dataset},
+    hash,
     next_experiment::{Setting, experiment_file},
+    sums::SUMS,
     terminal::say,
 };
 
@@ -26,7 +28,7 @@ pub struct DiagnoseArgs {
     /// The OCV curve, as `ocv --out` writes it (`ocv.json`), where the model file holds none or another is wanted.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
-    /// Write `diagnosis.json`, `diagnosis.md` with its pictures and, where effects were added, `model_augmented.json` into this folder.
+    /// Write `diagnosis.html`, `diagnosis.json`, `diagnosis.md` with its pictures and, where effects were added, `model_augmented.json` into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// The bench's file: with --cell and --out, the recommended run is written as `next_experiment.toml` for it.
@@ -35,7 +37,10 @@ pub struct DiagnoseArgs {
     /// The cell's file, for the same.
     #[arg(long, value_name = "FILE", requires = "bench")]
     pub cell: Option<PathBuf>,
-    /// Print JSON.
+    /// The one cell of a campaign that is meant [default: each of them by itself].
+    #[arg(long, value_name = "NAME")]
+    pub specimen: Option<String>,
+    /// Print JSON; of several cells, a list.
     #[arg(long)]
     pub json: bool,
 }
@@ -46,20 +51,42 @@ pub struct DiagnoseArgs {
 /// A file or an argument that is not as expected; a folder that cannot be written. Any verdict, `invalid` too, is a result and no error.
 pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     let judged = Judged::read(&args.data, &args.model, args.ocv.as_deref())?;
-    let outcome = judged.diagnose()?;
-    if let Some(folder) = &args.out {
-        write(folder, &outcome, &judged)?;
-        if let (Some(bench), Some(cell)) = (&args.bench, &args.cell) {
-            write_next(folder, &outcome, &judged, (bench, cell))?;
+    let cells = judged.cells(args)?;
+    if args.bench.is_some() && cells.len() > 1 {
+        let reason =
+            format!("--bench: expected one cell to write its next experiment for, found {}; choose with --specimen", cells.join(", "));
+        return Err(Failure::Usage(reason));
+    }
+    let mut outcomes = Vec::new();
+    for name in &cells {
+        let folder = args.out.as_ref().map(|folder| if cells.len() > 1 { folder.join(name) } else { folder.clone() });
+        let judged = judged.of_cell(name);
+        let outcome = judged.diagnose()?;
+        if let Some(folder) = &folder {
+            write(folder, &outcome, &judged)?;
+            if let (Some(bench), Some(cell)) = (&args.bench, &args.cell) {
+                write_next(folder, &outcome, &judged, (bench, cell))?;
+            }
         }
+        if !args.json {
+            if cells.len() > 1 {
+                say!("cell {name}:");
+            }
+            say!("{}", report::text(&outcome.diagnosis));
+            if let Some(folder) = &folder {
+                say!("written to {}", folder.display());
+            }
+        }
+        outcomes.push(outcome);
     }
-    if args.json {
-        say!("{}", json(&outcome)?);
-        return Ok(());
-    }
-    say!("{}", report::text(&outcome.diagnosis));
-    if let Some(folder) = &args.out {
-        say!("written to {}", folder.display());
+    match outcomes.as_slice() {
+        _ if !args.json => {}
+        [one] => say!("{}", json(one)?),
+        several => {
+            let diagnoses: Vec<_> =
+                cells.iter().zip(several).map(|(cell, one)| serde_json::json!({"cell": cell, "diagnosis": one.diagnosis})).collect();
+            say!("{}", serde_json::to_string_pretty(&diagnoses).map_err(|error| Failure::Analysis(error.to_string()))?);
+        }
     }
     Ok(())
 }
@@ -73,13 +100,15 @@ pub(super) struct Judged {
     pub(super) loaded: Loaded,
     pub(super) model: BaseModel,
     file: ModelFile,
+    data: PathBuf,
+    path: PathBuf,
 }
 
 impl Judged {
     /// Reads both; the curve from `ocv` or the model file.
-    pub(super) fn read(data: &Path, model: &Path, ocv: Option<&Path>) -> Result<Self, Failure> {
-        let fail = |text: &str| Failure::Usage(format!("--model {}: {text}", model.display()));
-        let file = files::read_model(model)?;
+    pub(super) fn read(data: &Path, path: &Path, ocv: Option<&Path>) -> Result<Self, Failure> {
+        let fail = |text: &str| Failure::Usage(format!("--model {}: {text}", path.display()));
+        let file = files::read_model(path)?;
         let given = ocv.map(files::read_curve).transpose()?;
         let curve = given.or_else(|| file.ocv.clone());
         let ocv = curve.ok_or_else(|| fail("expected an OCV curve in it, found none; give one with --ocv"))?;
@@ -87,7 +116,36 @@ impl Judged {
             return Err(fail("expected a model without additions: the diagnosis starts from the extended Randles model alone"));
         }
         let model = BaseModel { name: file.name.clone(), erm: file.fit.erm.clone(), ocv };
-        Ok(Self { loaded: read_dataset(data)?, model, file })
+        Ok(Self { loaded: read_dataset(data)?, model, file, data: data.to_owned(), path: path.to_owned() })
+    }
+
+    /// The names of the cells that are to be judged, each by itself: a model is one cell's.
+    fn cells(&self, args: &DiagnoseArgs) -> Result<Vec<String>, Failure> {
+        let mut cells: Vec<String> = Vec::new();
+        for run in &self.loaded.set.runs {
+            if let Fixture::Cell(name) = &run.fixture
+                && !cells.contains(name)
+            {
+                cells.push(name.clone());
+            }
+        }
+        match &args.specimen {
+            Some(wanted) if !cells.contains(wanted) => {
+                Err(Failure::Usage(format!("--specimen: expected one of {}, found {wanted}", cells.join(", "))))
+            }
+            Some(wanted) => Ok(vec![wanted.clone()]),
+            // Without any run of a cell there is still something to be said.
+            None if cells.is_empty() => Ok(vec![String::new()]),
+            None => Ok(cells),
+        }
+    }
+
+    /// The same with the runs of one cell, and those of the controls.
+    fn of_cell(&self, name: &str) -> Self {
+        let mut set = self.loaded.set.clone();
+        set.runs.retain(|run| !matches!(&run.fixture, Fixture::Cell(other) if other != name));
+        let loaded = Loaded { set, problems: self.loaded.problems.clone(), notes: self.loaded.notes.clone() };
+        Self { loaded, model: self.model.clone(), file: self.file.clone(), data: self.data.clone(), path: self.path.clone() }
     }
 
     /// The diagnosis of what could be read; what could not makes the data invalid.
@@ -113,6 +171,32 @@ fn write_next(folder: &Path, outcome: &Outcome, judged: &Judged, (bench, cell): 
     files::write_text(folder, "next_experiment.toml", &experiment_file(next, &outcome.next_runs, &setting))
 }
 
+/// The diagnosis as one page of HTML, with what it takes to repeat it.
+fn page(outcome: &Outcome, judged: &Judged, pictures: &[report::Picture]) -> Result<String, Failure> {
+    let failed = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
+    let mut page = report::html(&outcome.diagnosis, pictures).map_err(|error| failed(&error))?;
+    let hashed = |path: &Path| {
+        let sum = if path.is_file() { hash::sha256_of(path).ok() } else { None };
+        format!("{}{}", path.display(), sum.map_or_else(String::new, |sum| format!(", SHA-256 {sum}")))
+    };
+    let dataset = judged.data.join("dataset.toml");
+    let data = if dataset.is_file() { dataset } else { judged.data.join(SUMS) };
+    let text = judged.file.to_json().map_err(|error| failed(&error))?;
+    page.provenance = vec![
+        ("program".to_owned(), format!("eis-bench {}", env!("CARGO_PKG_VERSION"))),
+        ("data".to_owned(), if data.is_file() { hashed(&data) } else { hashed(&judged.data) }),
+        ("model".to_owned(), hashed(&judged.path)),
+        ("seed".to_owned(), "none: the same files give the same diagnosis".to_owned()),
+        ("everything in numbers".to_owned(), "diagnosis.json beside this page".to_owned()),
+        ("to repeat it".to_owned(), format!("eis-bench diagnose {} --model {}", judged.data.display(), judged.path.display())),
+    ];
+    page.files = vec![("model".to_owned(), text)];
+    if let Ok(text) = std::fs::read_to_string(judged.data.join("dataset.toml")) {
+        page.files.push(("dataset.toml".to_owned(), text));
+    }
+    page.to_html().map_err(|error| failed(&error))
+}
+
 /// Report, pictures, and the augmented model where there is one.
 fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failure> {
     files::make_folder(folder)?;
@@ -123,6 +207,7 @@ fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failur
         files::write_picture(folder, &picture.name, |path| picture.drawing.write(path))?;
     }
     files::write_text(folder, "diagnosis.md", &report::markdown(d, &pictures))?;
+    files::write_text(folder, "diagnosis.html", &page(outcome, judged, &pictures)?)?;
     let additions = d.additions(concat!("eis-bench ", env!("CARGO_PKG_VERSION")));
     if let (Some(erm), Some(facts), false) = (&d.augmented, outcome.facts, additions.is_empty()) {
         let base = ModelFile { ocv: Some(judged.model.ocv.clone()), ..judged.file.clone() };

@@ -222,6 +222,7 @@ fn write(folder: &Path, group: &Group, controls: &[Spectrum], args: &FitArgs) ->
             ("seed".to_owned(), args.seed.to_string()),
             ("spectra".to_owned(), names.join(", ")),
         ],
+        ..Report::default()
     };
     text("report.html", &report.to_html().map_err(|error| Failure::Analysis(error.to_string()))?)
 }

@@ -199,6 +199,7 @@ fn write(folder: &Path, group: &Group, circuit: &Circuit) -> Result<(), Failure>
             ("seed".to_owned(), group.fit.seed.to_string()),
             ("spectra".to_owned(), group.fit.spectra.join(", ")),
         ],
+        ..Report::default()
     };
     text("report.html", &report.to_html().map_err(|error| Failure::Analysis(error.to_string()))?)
 }

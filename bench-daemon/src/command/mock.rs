@@ -7,7 +7,7 @@ use instruments::clock::{Clock, TimeMode};
 use crate::terminal::say;
 use crate::{
     cli::MockArgs,
-    command::{Failure, run::StopSignals},
+    command::{Failure, run::StopSignals, serve_record::serve_record},
     config::{Source, load_bench},
     sim::{Served, SimError, Simulation},
 };
@@ -17,8 +17,13 @@ use crate::{
 /// # Errors
 /// A mistake in the files; a port that is taken.
 pub fn mock(args: &MockArgs) -> Result<(), Failure> {
-    let (bench, source) = load_bench(&args.bench)?;
-    let section = bench.simulation.as_ref().ok_or_else(|| SimError::Real { path: args.bench.clone() })?;
+    let path = match (&args.replay, &args.bench) {
+        (Some(transcript), _) => return serve_record(transcript, args),
+        (None, Some(path)) => path,
+        (None, None) => return Err(Failure::Usage("expected a bench file, or --replay FILE".to_owned())),
+    };
+    let (bench, source) = load_bench(path)?;
+    let section = bench.simulation.as_ref().ok_or_else(|| SimError::Real { path: path.clone() })?;
     let roles: Vec<&str> = bench.instruments.addressed().iter().map(|(role, _)| *role).collect();
     if let Some(role) = args.over.iter().filter_map(|over| over.role.as_deref()).find(|role| !roles.contains(role)) {
         return Err(Failure::Usage(format!("--over: expected a role of this bench ({}), found `{role}`", roles.join(", "))));
@@ -35,7 +40,8 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
     Clock::runtime(mode)?.block_on(async {
         let mut stop = StopSignals::install()?;
         let clock = Clock::start(mode);
-        let simulation = Simulation::new(&section.scenario, args.seed)?.with_faults(section.faults.clone());
+        let simulation =
+            Simulation::new(&section.scenario, args.seed)?.with_faults(section.faults.clone()).with_quirks(section.quirks.clone());
         let served = simulation.serve_on_ports(&bench, &args.over, &clock).await?;
         if let Some(path) = &args.write_bench {
             write_bench(path, &source, &served, mode)?;

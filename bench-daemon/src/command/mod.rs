@@ -1,7 +1,9 @@
 //! What the command line does, one file per command.
 
 pub mod clear;
+pub mod convert;
 pub mod diagnose;
+pub mod doctor;
 pub mod effects;
 mod files;
 pub mod fit;
@@ -24,6 +26,7 @@ pub mod resume;
 pub mod run;
 pub mod safe;
 pub mod serve;
+pub mod serve_record;
 pub mod simulate;
 pub mod sop;
 pub mod study;
@@ -51,6 +54,16 @@ pub enum Failure {
     /// A bench that cannot be used.
     #[error(transparent)]
     Bench(#[from] BenchError),
+    /// Not every instrument is there, or of a known model.
+    #[error("{wrong} of {asked} instruments did not answer, or are not the model that was expected: {listed}")]
+    Unidentified {
+        /// How many were asked.
+        asked: usize,
+        /// How many are wrong.
+        wrong: usize,
+        /// Their roles or addresses.
+        listed: String,
+    },
     /// A simulation that cannot be made.
     #[error(transparent)]
     Sim(#[from] SimError),
@@ -63,6 +76,9 @@ pub enum Failure {
     /// The fixture check.
     #[error("fixture check failed: {0}")]
     FixtureCheck(String),
+    /// The doctor found something wrong.
+    #[error("the doctor found what must be mended first: {0}")]
+    Doctor(String),
     /// Ctrl-C, or another request to stop.
     #[error("stopped on request; the bench is in safe state, finished points are in {0}")]
     Interrupted(String),
@@ -107,7 +123,7 @@ impl Failure {
             Self::Usage(_) | Self::Config(_) | Self::Plan(_) => 2,
             Self::Sim(SimError::Config(_) | SimError::Real { .. } | SimError::Model { .. }) => 2,
             Self::Record(RecordError::NotEmpty { .. }) => 2,
-            Self::Bench(_) | Self::Sim(SimError::Port { .. }) => 3,
+            Self::Bench(_) | Self::Unidentified { .. } | Self::Sim(SimError::Port { .. }) => 3,
             Self::Execute(ExecuteError::Trip(_) | ExecuteError::CellLeftIn { .. }) => 5,
             Self::Execute(ExecuteError::Record(_))
             | Self::Record(_)
@@ -117,7 +133,7 @@ impl Failure {
             | Self::System(_) => 1,
             Self::Execute(ExecuteError::Aborted) => 130,
             Self::Execute(_) => 3,
-            Self::FixtureCheck(_) => 4,
+            Self::FixtureCheck(_) | Self::Doctor(_) => 4,
             Self::Unsafe { .. } => 6,
             Self::State(StateError::Latched { .. }) => 7,
             Self::Going(_) | Self::State(StateError::Busy { .. }) | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,

@@ -1,7 +1,9 @@
 //! `eis-bench replay`: recorded captures through the present pipeline, and what changed.
 //!
 //! A run of the same version comes out bit-identical. Otherwise every point that changed is told with its change over its stated uncertainty. Nothing is
-//! changed in the run folder; `--out` writes what comes out into a folder of its own.
+//! changed in the run folder; `--out` writes what comes out into a folder of its own. Captures of other programs are described by a TOML.
+
+mod captures;
 
 use std::{
     fs,
@@ -21,11 +23,13 @@ use crate::{journal::JOURNAL, present::significant, record::RecordError, termina
 
 /// Changed points that are told of each spectrum.
 const TOLD: usize = 12;
+/// Rounds of which the fastest counts.
+const ROUNDS: usize = 3;
 
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// Run folders, or folders of run folders.
+    /// Run folders, folders of run folders, or TOML files that describe captures of a scope.
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// Write what comes out into this folder, a folder in it for each run where there are several. Nothing that is there is written over.
@@ -38,7 +42,12 @@ pub struct ReplayArgs {
 /// # Errors
 /// A folder that cannot be read as a run; a capture that is damaged or cannot be analysed.
 pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
-    let folders = run_folders(&args.runs)?;
+    let (described, named): (Vec<PathBuf>, Vec<PathBuf>) =
+        args.runs.iter().cloned().partition(|path| path.extension().is_some_and(|end| end == "toml"));
+    for file in &described {
+        captures::replay(file, args.out.as_deref())?;
+    }
+    let folders = run_folders(&named)?;
     for folder in &folders {
         let out = args.out.as_ref().map(|out| {
             let own = folder.file_name().map_or_else(PathBuf::new, PathBuf::from);
@@ -47,6 +56,39 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
         of_run(folder, out.as_deref())?;
     }
     Ok(())
+}
+
+/// Rates at which the captures of a run are read, decoded and analysed, each on all cores, in lines of a table.
+///
+/// # Errors
+/// As [`replay`].
+pub fn rates(folder: &Path) -> Result<Vec<String>, Failure> {
+    let recorded = Recorded::read(folder)?;
+    let known = recorded.points()?;
+    let files: Vec<PathBuf> = known.iter().flat_map(|known| &known.files).map(|file| folder.join(file)).collect();
+    let bytes: u64 = files.iter().filter_map(|file| fs::metadata(file).ok()).map(|found| found.len()).sum();
+    let clock = Clock::start(TimeMode::Real);
+    let mut lines = vec![format!("{} captures, {:.1} MB on disk", files.len(), 1.0e-6 * bytes as f64)];
+    let mut timed = |what: &str, work: &dyn Fn() -> Result<(), Failure>| -> Result<(), Failure> {
+        // The best of some rounds: on a shared machine the others are of other programs.
+        let mut best_s = f64::INFINITY;
+        for _ in 0..ROUNDS {
+            let start_s = clock.now_s();
+            work()?;
+            best_s = best_s.min(clock.now_s() - start_s);
+        }
+        lines.push(format!("{what:<44} {:>9.1} MB/s of files  {best_s:>8.3} s", 1.0e-6 * bytes as f64 / best_s));
+        Ok(())
+    };
+    let on_all = |work: &(dyn Fn(&PathBuf) -> Result<(), Failure> + Sync)| super::run::on_all_cores(&files, work).map(drop);
+    timed("reading the files (from the cache)", &|| on_all(&|file| Ok(drop(fs::read(file)?))))?;
+    timed("SHA-256 of the files", &|| on_all(&|file| Ok(drop(crate::hash::sha256_of(file)?))))?;
+    timed("decoding their Parquet", &|| on_all(&|file| Ok(drop(dataset::read_capture(file).map_err(RecordError::from)?))))?;
+    timed("replay: decoding, fits, quality", &|| recorded.analyse(&known).map(drop))?;
+    let again = recorded.analyse(&known)?;
+    let same = known.iter().zip(&again).filter(|(known, again)| known.point == again.point).count();
+    lines.push(format!("points bit-identical: {same} of {}", known.len()));
+    Ok(lines)
 }
 
 /// The run folders among and below those that were named.

@@ -20,7 +20,7 @@ use crate::{
     },
     config::Experiment,
     custody,
-    journal::{self, JOURNAL},
+    journal::{self, Entry, JOURNAL, Line},
     record::RecordError,
     wishes::Wishes,
 };
@@ -29,6 +29,8 @@ use crate::{
 const GROWING: [&str; 4] = ["csv", "txt", "jsonl", "torn"];
 /// Files that are written anew as the run goes.
 const REWRITTEN: [&str; 1] = ["json"];
+/// Readings are written as one table when a run ends, however it ends.
+const AT_THE_END: &str = "readings.parquet";
 
 /// Goes on with a run.
 ///
@@ -81,47 +83,68 @@ fn replay(experiment: &Experiment, folder: &Path) -> Result<String, Failure> {
         return Err(Failure::Usage(text));
     }
     let finished = run_experiment(experiment, &scratch)?;
-    compare(folder, &scratch, Path::new(""))?;
+    compare((folder, &scratch), Path::new(""), begun_s(folder))?;
     replace(&scratch, folder)?;
     fs::remove_dir_all(&scratch)?;
     let (from, to) = (scratch.display().to_string(), folder.display().to_string());
     Ok(finished.summary.replace(&from, &to))
 }
 
+/// When the last step was begun, s: a run that ended by itself, on a full disk perhaps, went another way after that.
+fn begun_s(folder: &Path) -> f64 {
+    let lines = journal::read(folder).map_or_else(|_| Vec::new(), |read| read.lines);
+    let begun = lines.iter().rev().find(|line| matches!(line.entry, Entry::Intent { .. }));
+    begun.map_or(0.0, |line| line.time_s)
+}
+
 /// Everything in the old folder is in the new one, or the beginning of it.
-fn compare(old: &Path, new: &Path, below: &Path) -> Result<(), Failure> {
+fn compare((old, new): (&Path, &Path), below: &Path, begun_s: f64) -> Result<(), Failure> {
     for entry in fs::read_dir(old.join(below))? {
         let entry = entry?;
         let name = below.join(entry.file_name());
         // Files that had not got their names yet are nobody's.
         if entry.file_type()?.is_dir() {
-            compare(old, new, &name)?;
+            compare((old, new), &name, begun_s)?;
         } else if !entry.file_name().to_string_lossy().starts_with('.') {
-            same(old, new, &name)?;
+            same((old, new), &name, begun_s)?;
         }
     }
     Ok(())
 }
 
-fn same(old: &Path, new: &Path, name: &Path) -> Result<(), Failure> {
+fn same((old, new): (&Path, &Path), name: &Path, begun_s: f64) -> Result<(), Failure> {
     let extension = name.extension().map_or_else(String::new, |extension| extension.to_string_lossy().into_owned());
-    if REWRITTEN.contains(&extension.as_str()) {
+    if REWRITTEN.contains(&extension.as_str()) || extension == "torn" || name == Path::new(AT_THE_END) {
         return Ok(());
     }
     let (was, is) = (fs::read(old.join(name))?, fs::read(new.join(name)).unwrap_or_default());
-    let whole =
-        if GROWING.contains(&extension.as_str()) { was.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1) } else { was.len() };
-    let equal = if GROWING.contains(&extension.as_str()) { is.starts_with(&was[..whole]) } else { is == was };
-    if equal || extension == "torn" {
+    let growing = GROWING.contains(&extension.as_str());
+    let whole = if growing { was.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1) } else { was.len() };
+    if if growing { is.starts_with(&was[..whole]) } else { is == was } {
         return Ok(());
     }
     let at = was.iter().zip(&is).position(|(was, is)| was != is).unwrap_or(was.len().min(is.len()));
+    if growing && time_s(&was[..whole], at).is_some_and(|time_s| time_s >= begun_s) {
+        return Ok(());
+    }
     let text = format!(
         "expected the run played again from its seed to give the same, found a difference at byte {at}: the program is not the one that began it; \
          {} holds what came out now",
         new.display()
     );
     Err(Failure::Usage(format!("{}: {text}", old.join(name).display())))
+}
+
+/// The bench time that begins the line around a byte, or that an entry of the journal has, s.
+fn time_s(text: &[u8], at: usize) -> Option<f64> {
+    let start = text[..at.min(text.len())].iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
+    let line = String::from_utf8_lossy(&text[start..]);
+    let line = line.lines().next()?;
+    if let Ok(line) = serde_json::from_str::<Line>(line) {
+        return Some(line.time_s);
+    }
+    let number: String = line.trim_start().chars().take_while(|c| c.is_ascii_digit() || *c == '.').collect();
+    number.parse().ok()
 }
 
 /// Moves every file of a folder into another, over those that are there, the journal last: interrupted, it leaves files that are equal or beginnings, and
@@ -146,4 +169,17 @@ fn replace(from: &Path, to: &Path) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_of_a_line_is_found_whatever_the_file() {
+        let text = b"time_s,event\n1.500,\"a\"\n     2.012 s ERROR x\n3.100000 load > MEAS:VOLT?\nodd\n";
+        for (at, expected) in [(3, None), (13, Some(1.5)), (20, Some(1.5)), (40, Some(2.012)), (60, Some(3.1)), (75, None), (500, None)] {
+            assert_eq!(time_s(text, at), expected, "{at}");
+        }
+    }
 }

@@ -20,10 +20,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-pub(crate) use again::Recorded;
+pub(crate) use again::{Recorded, on_all_cores};
 use analysis::{calibration::Correction, spectrum::Spectrum};
 pub(crate) use past::{Past, begun_experiment};
-pub(crate) use stop::StopSignals;
+pub(crate) use stop::{StopSignals, caught};
 
 use crate::terminal::say;
 use crate::{

@@ -110,9 +110,19 @@ impl Check<'_> {
             controls.push((Fixture::Short, Tolerance::Absolute(error_ohm)));
         }
         let corrected_tolerance = self.within("fixture_check.corrected_tolerance", raw.corrected_tolerance.si, (1.0e-4, 0.1), "(share)")?;
+        let supply = self.bench.instruments.supply4q.as_ref().and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
+        let driven_hz = supply.map_or(1.0e5, |dialect| dialect.capabilities().max_freq.value());
         let mut beyond_hz = Vec::new();
         for frequency in &raw.beyond {
-            beyond_hz.push(self.within("fixture_check.beyond", microhertz(frequency.si), (1.0e-3, 1.0e5), "Hz")?);
+            let asked_hz = microhertz(frequency.si);
+            if asked_hz > driven_hz {
+                let model = self.bench.instruments.supply4q.as_ref().map_or("", |supply| supply.model.as_str());
+                let reason = format!(
+                    "expected at most {driven_hz} Hz, up to which the bipolar supply {model} follows its command, found {asked_hz} Hz"
+                );
+                return Err(self.complain("fixture_check.beyond", reason));
+            }
+            beyond_hz.push(self.within("fixture_check.beyond", asked_hz, (1.0e-3, 1.0e5), "Hz")?);
         }
         beyond_hz.sort_by(f64::total_cmp);
         beyond_hz.dedup();
@@ -212,7 +222,8 @@ impl Check<'_> {
             order: raw.order,
             steps_a: self.steps(raw, amplitude_a)?,
             compensate_drift: raw.compensate_drift,
-            quality: raw.quality.as_ref().map(|quality| self.quality(quality)).transpose()?,
+            overlap: raw.overlap,
+            quality: raw.quality.as_ref().map(|quality| self.quality(quality, "eis")).transpose()?,
         };
         self.within("eis.memory_points", raw.memory_points as f64, (1_000.0, 1.0e7), "points")?;
         // The 1–2–5 series of the time base can put 2.5 times the asked periods on the screen.

@@ -11,10 +11,11 @@ mod quality;
 pub mod quantity;
 mod raw;
 mod resolve;
+mod simulation;
 mod source;
 mod trace;
 
-use std::path::PathBuf;
+use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{plan::Missed, quality::Quality};
 use analysis::{
@@ -25,7 +26,7 @@ use analysis::{
 };
 use instruments::{
     clock::TimeMode,
-    mock::{Schedule, plant::Fixture},
+    mock::{Schedule, plant::Fixture, quirks::Quirks},
     transport::Address,
 };
 
@@ -96,6 +97,10 @@ pub struct Bench {
     pub state_folder: PathBuf,
     /// The process that watches over it.
     pub guardian: Guardian,
+    /// How a bath is held whose loop the daemon closes.
+    pub thermostat: Thermostat,
+    /// What a run asks of the last look of the doctor.
+    pub doctor: Doctor,
 }
 
 impl Bench {
@@ -122,6 +127,30 @@ pub struct Guardian {
     pub lease_s: f64,
     /// The daemon may compute for so long between two waits, s: after that it counts as hung, and the lease is not renewed.
     pub stall_s: f64,
+}
+
+/// How the daemon holds a bath with relays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thermostat {
+    /// So far from the set-point a relay is on all the time, K.
+    pub band_k: f64,
+    /// Time in which a standing error doubles its effect, s.
+    pub integral_s: f64,
+    /// A relay is switched on once in it, s.
+    pub window_s: f64,
+    /// Without a reading for longer the run is stopped, s.
+    pub stale_s: f64,
+    /// What the sensor shows too much, K.
+    pub sensor_offset_k: f64,
+}
+
+/// What a run asks of the last report of `eis-bench doctor`.
+#[derive(Debug, Clone, Copy)]
+pub struct Doctor {
+    /// Without a valid report nothing is energised; else its want is remarked.
+    pub required: bool,
+    /// A report is valid for so long, s.
+    pub valid_for_s: f64,
 }
 
 /// The instruments by role.
@@ -191,6 +220,15 @@ pub struct Instrument {
     pub model: String,
     /// Where it is reached.
     pub address: Address,
+    /// What the identity of another model contains that is to be spoken to as this one all the same.
+    pub accept: Option<String>,
+}
+
+impl Instrument {
+    /// Whether it is to be spoken to as this model although it answers as another one.
+    pub fn accepts(&self, identity: &str) -> bool {
+        self.accept.as_deref().is_some_and(|text| !text.is_empty() && identity.contains(text))
+    }
 }
 
 /// Who changes the fixture.
@@ -226,6 +264,8 @@ pub struct Simulation {
     pub time: TimeMode,
     /// What goes wrong between the simulated instruments and their client.
     pub faults: Option<Schedule>,
+    /// What a mock is told to do differently, by role.
+    pub quirks: BTreeMap<&'static str, Quirks>,
 }
 
 /// A cell and what may be done to it.
@@ -349,6 +389,8 @@ pub struct Eis {
     pub steps_a: Vec<f64>,
     /// Each sweep goes there and back, and every point counts at the time in between.
     pub compensate_drift: bool,
+    /// The next point settles while the record of this one is fetched and analysed; where it is not said, in real time only.
+    pub overlap: Option<bool>,
     /// What a point must be to be kept without a flag, where it is asked for.
     pub quality: Option<Quality>,
 }

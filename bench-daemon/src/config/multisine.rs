@@ -9,7 +9,7 @@ use super::{
     check::Check,
     quantity::{Current, Duration, Frequency, Quantity},
 };
-use crate::plan::LONGEST_FRAME_S;
+use crate::{plan::LONGEST_FRAME_S, quality::Quality};
 
 /// Records of many frequencies at once.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,6 +26,8 @@ pub struct Multisine {
     pub memory_points: u64,
     /// Points downloaded per channel.
     pub record_points: u64,
+    /// The gate that every line passes, or none.
+    pub quality: Option<Quality>,
 }
 
 /// A band of frequencies.
@@ -58,6 +60,7 @@ pub(super) struct Raw {
     memory_points: u64,
     #[serde(default = "hundred_thousand")]
     record_points: u64,
+    quality: Option<super::quality::Raw>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -123,6 +126,7 @@ impl Check<'_> {
             bands,
             memory_points: raw.memory_points,
             record_points: raw.record_points,
+            quality: raw.quality.as_ref().map(|quality| self.quality(quality, "multisine")).transpose()?,
         })
     }
 

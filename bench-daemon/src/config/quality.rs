@@ -1,4 +1,4 @@
-//! The quality gate of a sweep: the section `[eis.quality]`. Every limit has a default with its reason.
+//! The quality gate of a sweep or of a multisine: the sections `[eis.quality]` and `[multisine.quality]`. Every limit has a default with its reason.
 
 use serde::Deserialize;
 
@@ -44,17 +44,18 @@ impl Default for Raw {
 }
 
 impl Check<'_> {
-    pub(super) fn quality(&self, raw: &Raw) -> Result<Quality, ConfigError> {
-        let share = |part: &str, value: f64| self.within(&format!("eis.quality.{part}"), value, (1.0e-5, 1.0), "(share)");
+    /// The gate of `section`, `eis` or `multisine`.
+    pub(super) fn quality(&self, raw: &Raw, section: &str) -> Result<Quality, ConfigError> {
+        let share = |part: &str, value: f64| self.within(&format!("{section}.quality.{part}"), value, (1.0e-5, 1.0), "(share)");
         Ok(Quality {
             noise: share("noise", raw.noise.si)?,
             distortion: share("distortion", raw.distortion.si)?,
             drift: share("drift", raw.drift.si)?,
             repeatability: share("repeatability", raw.repeatability.si)?,
             kramers_kronig: share("kramers_kronig", raw.kramers_kronig.si)?,
-            again: self.within("eis.quality.again", raw.again as f64, (0.0, 10.0), "times").map(|_| raw.again)?,
-            time_s: self.within("eis.quality.time", raw.time.si, (0.0, 86_400.0), "s")?,
-            charge_c: self.within("eis.quality.charge", raw.charge.si, (0.0, 10.0 * self.cell.capacity_c), "C")?,
+            again: self.within(&format!("{section}.quality.again"), raw.again as f64, (0.0, 10.0), "times").map(|_| raw.again)?,
+            time_s: self.within(&format!("{section}.quality.time"), raw.time.si, (0.0, 86_400.0), "s")?,
+            charge_c: self.within(&format!("{section}.quality.charge"), raw.charge.si, (0.0, 10.0 * self.cell.capacity_c), "C")?,
         })
     }
 }

@@ -106,7 +106,7 @@ dimension!(
     Frequency, "a frequency", "0.1 Hz", [("Hz", 1.0), ("mHz", 1.0e-3), ("kHz", 1.0e3)]);
 dimension!(
     /// Time.
-    Duration, "a duration", "30 min", [("s", 1.0), ("ms", 1.0e-3), ("min", 60.0), ("h", 3600.0)]);
+    Duration, "a duration", "30 min", [("s", 1.0), ("ms", 1.0e-3), ("min", 60.0), ("h", 3600.0), ("d", 86_400.0)]);
 dimension!(
     /// Temperature.
     Temperature, "a temperature", "25 °C", [("°C", 1.0), ("degC", 1.0), ("C", 1.0)]);

@@ -1,7 +1,9 @@
 //! The files as they are typed: these structures mirror the TOML, and nothing else reads them than `resolve`.
 
+use std::collections::BTreeMap;
+
 use analysis::{dataset::Role, diagnosis::BenchHistory};
-use instruments::mock::Fault;
+use instruments::mock::{Fault, quirks::Value};
 use serde::Deserialize;
 
 use super::quantity::{
@@ -120,6 +122,8 @@ pub(super) struct Eis {
     /// Each sweep there and back, and every point at the time in between.
     #[serde(default)]
     pub(super) compensate_drift: bool,
+    /// The next point settles while the record of this one is fetched and analysed.
+    pub(super) overlap: Option<bool>,
     pub(super) quality: Option<super::quality::Raw>,
 }
 
@@ -174,11 +178,14 @@ pub(super) struct Trace {
     /// What the cell may resist with at most, leads to the voltmeter included.
     pub(super) resistance_max: Quantity<Resistance>,
     pub(super) segments: Option<Vec<Segment>>,
+    pub(super) pulses: Option<Pulses>,
     pub(super) file: Option<String>,
     /// Factor on every row: a pack's profile on one of its cells, for instance.
     pub(super) scale: Option<f64>,
     #[serde(default)]
     pub(super) through: Through,
+    /// What lies between the cell and the load's voltmeter where load and supply drive.
+    pub(super) lead_resistance: Option<Quantity<Resistance>>,
     /// Rows are averaged over steps of this length.
     pub(super) step: Option<Quantity<Duration>>,
     #[serde(default = "two_milliseconds")]
@@ -187,6 +194,16 @@ pub(super) struct Trace {
     pub(super) samples_per_decade: f64,
     #[serde(default = "ten_seconds")]
     pub(super) longest_interval: Quantity<Duration>,
+}
+
+/// Pulses of either sign, each with a relaxation behind it: first out of the cell, then into it, amplitude by amplitude.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Pulses {
+    pub(super) amplitudes: Vec<Quantity<Current>>,
+    #[serde(default = "five_seconds")]
+    pub(super) duration: Quantity<Duration>,
+    pub(super) relaxation: Quantity<Duration>,
 }
 
 /// What a trace is played through.
@@ -224,6 +241,9 @@ impl Default for Fit {
     }
 }
 
+fn five_seconds() -> Quantity<Duration> {
+    Quantity::of(5.0)
+}
 fn three() -> usize {
     3
 }
@@ -273,6 +293,29 @@ pub(super) struct Bench {
     pub(super) state_folder: Option<String>,
     #[serde(default)]
     pub(super) guardian: Guardian,
+    #[serde(default)]
+    pub(super) thermostat: Thermostat,
+    #[serde(default)]
+    pub(super) doctor: Doctor,
+}
+
+/// How the daemon holds a bath whose loop it closes.
+#[derive(Debug, Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Thermostat {
+    pub(super) proportional_band: Option<Quantity<TemperatureDifference>>,
+    pub(super) integral_time: Option<Quantity<Duration>>,
+    pub(super) window: Option<Quantity<Duration>>,
+    pub(super) stale: Option<Quantity<Duration>>,
+    pub(super) sensor_offset: Option<Quantity<TemperatureDifference>>,
+}
+
+/// What a run asks of the last `eis-bench doctor`.
+#[derive(Debug, Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Doctor {
+    pub(super) required: bool,
+    pub(super) valid_for: Option<Quantity<Duration>>,
 }
 
 #[derive(Debug, Deserialize, Default)]
@@ -300,6 +343,8 @@ pub(super) struct Instruments {
 pub(super) struct Instrument {
     pub(super) model: String,
     pub(super) address: String,
+    /// What the identity of another model contains that is to be spoken to as this one.
+    pub(super) accept: Option<String>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -307,6 +352,7 @@ pub(super) struct Instrument {
 pub(super) struct Logger {
     pub(super) model: String,
     pub(super) address: String,
+    pub(super) accept: Option<String>,
     pub(super) cell_channel: u16,
     pub(super) ambient_channel: Option<u16>,
 }
@@ -360,6 +406,9 @@ pub(super) struct Simulation {
     pub(super) scenario: String,
     pub(super) time: Option<String>,
     pub(super) faults: Option<Faults>,
+    /// By role, what its mock is told to do differently.
+    #[serde(default)]
+    pub(super) quirks: BTreeMap<String, BTreeMap<String, Value>>,
 }
 
 /// What goes wrong between the simulated instruments and their client.

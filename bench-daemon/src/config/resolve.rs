@@ -11,15 +11,14 @@ use instruments::{
     chiller,
     clock::TimeMode,
     generator,
-    instrument::Model,
-    jig, load, logger,
-    mock::{Fault, Schedule},
-    scope, supply, supply4q,
+    instrument::{Model, by_key},
+    jig, load, logger, scope, supply, supply4q,
     transport::Address,
 };
 
 use super::{
-    Bench, Cell, ConfigError, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, limits, raw,
+    Bench, Cell, ConfigError, Doctor, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, limits,
+    raw, simulation,
 };
 use crate::interlock::Limits;
 
@@ -171,6 +170,8 @@ fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
         path: source.path().to_owned(),
         state_folder,
         guardian: resolve_guardian(source, &raw.guardian)?,
+        thermostat: simulation::thermostat(source, &raw.thermostat)?,
+        doctor: resolve_doctor(source, &raw.doctor)?,
     })
 }
 
@@ -197,6 +198,17 @@ fn resolve_guardian(source: &Source, raw: &raw::Guardian) -> Result<Guardian, Co
         lease_s: within("lease", raw.lease.map_or(GUARDIAN.0, |lease| lease.si), (1.0, 600.0))?,
         stall_s: within("stall", raw.stall.map_or(GUARDIAN.1, |stall| stall.si), (1.0, 600.0))?,
     })
+}
+
+/// A report of the doctor is valid for so long unless that is typed, s.
+const DOCTOR_VALID_S: f64 = 90.0 * 86_400.0;
+
+fn resolve_doctor(source: &Source, raw: &raw::Doctor) -> Result<Doctor, ConfigError> {
+    let valid_for_s = raw.valid_for.map_or(DOCTOR_VALID_S, |span| span.si);
+    if valid_for_s <= 0.0 {
+        return Err(source.complain("doctor.valid_for", format!("expected a duration above 0 s, found {valid_for_s} s")));
+    }
+    Ok(Doctor { required: raw.required, valid_for_s })
 }
 
 /// What the open jig may leak at most; the leak itself is anything from nothing to that.
@@ -270,17 +282,9 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
         let reason = format!("scaled time is for mocks on this machine, and {role} is at {}", instrument.address);
         return Err(source.complain("simulation.time", reason));
     }
-    let faults = raw.faults.as_ref().map(|faults| resolve_faults(source, faults)).transpose()?;
-    Ok(Simulation { scenario: source.relative(&raw.scenario), time, faults })
-}
-
-fn resolve_faults(source: &Source, raw: &raw::Faults) -> Result<Schedule, ConfigError> {
-    if !(0.0..=1.0).contains(&raw.per_message) {
-        let reason = format!("expected a chance from 0 to 1, found {}", raw.per_message);
-        return Err(source.complain("simulation.faults.per_message", reason));
-    }
-    let faults = raw.kinds.clone().unwrap_or_else(|| Fault::ALL.to_vec());
-    Ok(Schedule { seed: raw.seed, per_message: raw.per_message, most: raw.most, faults })
+    let faults = raw.faults.as_ref().map(|faults| simulation::faults(source, faults)).transpose()?;
+    let quirks = simulation::quirks(source, &raw.quirks, instruments)?;
+    Ok(Simulation { scenario: source.relative(&raw.scenario), time, faults, quirks })
 }
 
 /// In this process, on the loopback interface, on a pseudo-terminal, or a socket in the place of a device's file.
@@ -316,14 +320,28 @@ fn known(source: &Source, field: &str, raw: &raw::Known) -> Result<KnownImpedanc
 
 fn resolve_instruments(source: &Source, raw: &raw::Instruments) -> Result<Instruments, ConfigError> {
     let resolve = |role: &str, instrument: &Option<raw::Instrument>, keys: &[&str]| {
-        instrument.as_ref().map(|raw| resolve_instrument(source, role, (&raw.model, &raw.address), keys)).transpose()
+        let resolve = |raw: &raw::Instrument| {
+            let resolved = resolve_instrument(source, role, (&raw.model, &raw.address), keys)?;
+            Ok(Instrument { accept: raw.accept.clone(), ..resolved })
+        };
+        instrument.as_ref().map(resolve).transpose()
     };
     let logger = raw
         .logger
         .as_ref()
         .map(|raw| {
-            resolve_instrument(source, "logger", (&raw.model, &raw.address), &keys(logger::DIALECTS))
-                .map(|instrument| (instrument, raw.cell_channel, raw.ambient_channel))
+            let instrument = resolve_instrument(source, "logger", (&raw.model, &raw.address), &keys(logger::DIALECTS))?;
+            let dialect = by_key(logger::DIALECTS, &raw.model);
+            for (field, channel) in [("cell_channel", Some(raw.cell_channel)), ("ambient_channel", raw.ambient_channel)] {
+                if let Some(channel) = channel.filter(|channel| dialect.is_some_and(|dialect| !dialect.has_channel(*channel))) {
+                    let reason = format!("expected a channel that a {} has (one input is channel 1), found {channel}", raw.model);
+                    return Err(source.complain(&format!("instruments.logger.{field}"), reason));
+                }
+            }
+            if raw.ambient_channel == Some(raw.cell_channel) {
+                return Err(source.complain("instruments.logger.ambient_channel", "expected another channel than the cell's, or none"));
+            }
+            Ok((Instrument { accept: raw.accept.clone(), ..instrument }, raw.cell_channel, raw.ambient_channel))
         })
         .transpose()?;
     let jig = raw.jig.as_ref().map(|raw| resolve_jig(source, raw)).transpose()?;
@@ -350,7 +368,7 @@ fn resolve_instrument(source: &Source, role: &str, (model, address): (&str, &str
         return Err(source.complain(&format!("instruments.{role}.model"), reason));
     }
     let address = address.parse().map_err(|error| source.complain(&format!("instruments.{role}.address"), format!("{error}")))?;
-    Ok(Instrument { model: model.to_owned(), address })
+    Ok(Instrument { model: model.to_owned(), address, accept: None })
 }
 
 fn resolve_jig(source: &Source, raw: &raw::Jig) -> Result<Jig, ConfigError> {

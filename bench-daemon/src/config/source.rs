@@ -324,4 +324,26 @@ mod tests {
         let complaint = source("\n[eis]\npoints = 2\n").complain("eis.stop.unit", "missing").to_string();
         assert_eq!(complaint, "a.toml:2: eis.stop.unit: missing");
     }
+
+    #[test]
+    fn a_fenced_file_names_nothing_outside_its_fence() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        for name in ["in/a", "in/b"] {
+            std::fs::create_dir_all(path(name)).unwrap();
+        }
+        for name in ["in/a/x.toml", "in/b/y.toml", "out.toml", "also.toml"] {
+            std::fs::write(path(name), name).unwrap();
+        }
+        std::os::unix::fs::symlink(path("out.toml"), path("in/b/link.toml")).unwrap();
+        let fence = Arc::new(Fence { below: path("in"), also: vec![path("also.toml")] });
+        let x = Source::fenced(&path("in/a/x.toml"), String::new(), &fence);
+        assert_eq!(x.open(&x.relative("../b/y.toml")).unwrap().text(), "in/b/y.toml");
+        assert_eq!(x.open(&path("also.toml")).unwrap().text(), "also.toml");
+        for name in ["../../out.toml", "../b/link.toml", "/etc/hostname", "../b", "../../in/../out.toml", "none.toml"] {
+            let message = x.open(&x.relative(name)).unwrap_err().to_string();
+            assert!(message.contains("there is no such file in the folder of the configuration"), "{name}: {message}");
+        }
+        assert_eq!(fence.relative(&x.relative("../b/./y.toml")), Some("b/y.toml".into()));
+    }
 }

@@ -34,6 +34,8 @@ pub struct Trace {
     pub through: Through,
     /// What became of rows that are shorter than a step.
     pub averaged: Option<Averaged>,
+    /// Resistance between the cell and the load's voltmeter where load and supply drive, Ω: their current flows through it.
+    pub lead_ohm: f64,
     /// The first mean after a step, s.
     pub first_sample_s: f64,
     /// Share of the time since the step that a further mean lasts.
@@ -108,6 +110,7 @@ impl Check<'_> {
             segments,
             through,
             averaged,
+            lead_ohm: raw.lead_resistance.map_or(Ok(0.0), |lead| self.within(&field("lead_resistance"), lead.si, (0.0, 0.1), "Ω"))?,
             first_sample_s: self.within(&field("first_sample"), raw.first_sample.si, (2.0e-4, 1.0), "s")?,
             growth: 10.0_f64.powf(1.0 / per_decade) - 1.0,
             longest_s: self.within(&field("longest_interval"), raw.longest_interval.si, (1.0, 3600.0), "s")?,

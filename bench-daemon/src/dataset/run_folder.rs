@@ -44,8 +44,9 @@ pub(super) fn read(folder: &Path) -> Result<Loaded, ConfigError> {
     let index: Index = json(&folder.join(INDEX), "expected the index of a run")?;
     let first_s =
         index.sweeps.iter().map(|s| s.start_time_s).chain(index.traces.iter().map(|t| t.start_time_s)).fold(f64::INFINITY, f64::min);
-    index.sweeps.iter().try_for_each(|sweep| reader.sweep(&index.cell, sweep, first_s))?;
-    index.traces.iter().try_for_each(|trace| reader.trace(&index.cell, trace, first_s))?;
+    let named = |own: &Option<String>| own.clone().unwrap_or_else(|| index.cell.clone());
+    index.sweeps.iter().try_for_each(|sweep| reader.sweep(&named(&sweep.cell), sweep, first_s))?;
+    index.traces.iter().try_for_each(|trace| reader.trace(&named(&trace.cell), trace, first_s))?;
     Ok(reader.loaded)
 }
 
@@ -76,6 +77,8 @@ struct Index {
 struct SweepEntry {
     file: String,
     fixture: String,
+    #[serde(default)]
+    cell: Option<String>,
     fixture_ohm: Option<f64>,
     corrected: bool,
     order: u32,
@@ -89,6 +92,8 @@ struct SweepEntry {
 #[derive(Debug, Deserialize)]
 struct TraceEntry {
     file: String,
+    #[serde(default)]
+    cell: Option<String>,
     order: u32,
     start_time_s: f64,
     start_ocv_v: f64,

@@ -13,6 +13,7 @@ use crate::{
     config::LOAD_CUT_OFF_V,
     interlock::Reading,
     plan::{Missed, Step},
+    thermostat::Thermostat,
 };
 
 /// Seconds between two readings while nothing flows.
@@ -80,7 +81,15 @@ impl Executor<'_> {
     pub(super) async fn hold_temperature(&mut self, step: &Step) -> Result<(), ExecuteError> {
         let Step::HoldTemperature { setpoint_c, within_k, max_s } = *step else { return Ok(()) };
         let error = self.bench.error("chiller");
-        require(&mut self.bench.chiller, "chiller")?.start(Celsius(setpoint_c)).await.map_err(error)?;
+        let chiller = require(&mut self.bench.chiller, "chiller")?;
+        match self.thermostat.as_mut() {
+            Some(thermostat) => thermostat.set(setpoint_c),
+            None => {
+                chiller.start(Celsius(setpoint_c)).await.map_err(error)?;
+                let settings = self.experiment.bench.thermostat;
+                self.thermostat = chiller.is_regulated().then(|| Thermostat::new(settings, setpoint_c, self.clock.now_s()));
+            }
+        }
         self.chiller_runs = true;
         let start_s = self.clock.now_s();
         let mut steady_since_s = None;

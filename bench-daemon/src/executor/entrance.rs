@@ -38,7 +38,7 @@ mod tests {
     use super::*;
     use crate::{executor::SweepPoint, interlock::Reading, plan::Purpose};
     use analysis::spectrum::{ChannelPhasors, PhasorVariance};
-    use instruments::mock::plant::Fixture;
+    use instruments::{mock::plant::Fixture, supply4q::Holds};
 
     fn done(step: usize) -> PointDone {
         let phasors =
@@ -55,6 +55,7 @@ mod tests {
             time_s: 0.0,
             captures: 1,
             rechecked: 0,
+            spent: crate::executor::Spent::default(),
             measures: crate::quality::Measures::default(),
             failing: Vec::new(),
         };
@@ -64,7 +65,7 @@ mod tests {
     #[test]
     fn what_is_finished_is_left_out_and_what_carries_the_rest_is_not() {
         let sine = |index| Step::Sine { index, freq_hz: 1.0, amplitude_a: 1.0, wait_s: 12.0 };
-        let up = Step::PowerUp { compliance_v: 4.5, limit_a: 2.0, held: true };
+        let up = Step::PowerUp { compliance_v: 4.5, limit_a: 2.0, held: Holds::CurrentAndVoltage };
         let steps = vec![Step::Mount(Fixture::Cell), up, sine(0), sine(1), Step::PowerDown];
         let stage = Stage { purpose: Purpose::Sweep(Fixture::Cell, 1), steps };
         let points: Vec<PointDone> = [2, 3].map(done).to_vec();

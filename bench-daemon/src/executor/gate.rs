@@ -18,16 +18,31 @@ const CERTAIN: f64 = 5.0;
 /// A finished sweep is gone through so many times: a point that was measured again changes what the others are held against.
 const ROUNDS: usize = 3;
 
-/// What went into measuring again in one sweep.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Spent {
-    time_s: f64,
-    charge_c: f64,
+/// What went into measuring again: a point, or all points of a sweep.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Spent {
+    /// Time, s.
+    pub time_s: f64,
+    /// Charge moved to and fro, C.
+    pub charge_c: f64,
+}
+
+impl std::ops::Add for Spent {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { time_s: self.time_s + other.time_s, charge_c: self.charge_c + other.charge_c }
+    }
 }
 
 impl Spent {
+    /// What the finished points of a sweep have taken; it counts on after a resume.
+    pub(super) fn of<'a>(points: impl Iterator<Item = &'a SweepPoint>) -> Self {
+        points.fold(Self::default(), |sum, point| sum + point.spent)
+    }
+
     /// Whether so much more is within the budget.
-    fn allows(&self, quality: &Quality, (time_s, charge_c): (f64, f64)) -> bool {
+    pub(super) fn allows(&self, quality: &Quality, (time_s, charge_c): (f64, f64)) -> bool {
         self.time_s + time_s <= quality.time_s && self.charge_c + charge_c <= quality.charge_c
     }
 }
@@ -62,14 +77,15 @@ impl Executor<'_> {
         self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
         let mut point = self.sine(fixture, step, before.captures).await?;
         let took_s = self.clock.now_s() - start_s;
-        self.spent.time_s += took_s;
-        self.spent.charge_c += moved_c(step, took_s);
+        let spent = Spent { time_s: took_s, charge_c: moved_c(step, took_s) };
+        self.spent = self.spent + spent;
+        let spent = before.spent + spent;
         point.failing = quality.judge(&point.measures);
         let captures = point.captures;
         // A point whose own record is good is measured again for the sake of the sweep: the new record counts, if it is as good.
         let of_sweep = before.failing.iter().all(Failing::is_of_sweep) && point.failing.is_empty();
         let better = if of_sweep || severity(&point.failing) < severity(&before.failing) { point } else { before };
-        Ok(SweepPoint { captures, ..better })
+        Ok(SweepPoint { captures, spent, ..better })
     }
 
     /// Whether another record of a point is within the sweep's budget.
@@ -122,20 +138,21 @@ impl Executor<'_> {
         Ok(changed.filter_map(|(place, (after, _))| Some((step(after)?, place))).collect())
     }
 
-    /// Kramers–Kronig residuals over |Z| of points that do not fit the others; nothing where they do, or where the sweep is too short to tell.
-    fn residuals(&self, points: &[SweepPoint]) -> Vec<Option<f64>> {
-        let mut sorted: Vec<(usize, ImpedancePoint)> = points.iter().enumerate().map(|(k, point)| (k, self.tested(point))).collect();
-        sorted.sort_by(|a, b| a.1.freq_hz.total_cmp(&b.1.freq_hz));
-        sorted.dedup_by(|a, b| a.1.freq_hz == b.1.freq_hz);
+    /// Kramers–Kronig residuals over |Z| of points that do not fit the others; nothing where they do, or where the sweep is too short to tell. Where a sweep goes
+    /// there and back, each way is tested by itself: between them the cell may have changed.
+    pub(super) fn residuals(&self, points: &[SweepPoint]) -> Vec<Option<f64>> {
         let mut found = vec![None; points.len()];
-        if sorted.len() < FEWEST_POINTS {
-            return found;
-        }
-        let spectrum = Spectrum { name: "sweep".to_owned(), points: sorted.iter().map(|(_, point)| *point).collect() };
-        let Ok(test) = Noise::of(&spectrum, &[]).and_then(|noise| kramers_kronig(&spectrum, &noise)) else { return found };
-        let fails = |point: &KkPoint| point.left_out || point.sigmas > CERTAIN;
-        for ((k, _), point) in sorted.iter().zip(&test.points) {
-            found[*k] = fails(point).then(|| 0.01 * point.percent());
+        for way in ways(points) {
+            let sorted: Vec<(usize, ImpedancePoint)> = way.into_iter().map(|k| (k, self.tested(&points[k]))).collect();
+            if sorted.len() < FEWEST_POINTS {
+                continue;
+            }
+            let spectrum = Spectrum { name: "sweep".to_owned(), points: sorted.iter().map(|(_, point)| *point).collect() };
+            let Ok(test) = Noise::of(&spectrum, &[]).and_then(|noise| kramers_kronig(&spectrum, &noise)) else { continue };
+            let fails = |point: &KkPoint| point.left_out || point.sigmas > CERTAIN;
+            for ((k, _), point) in sorted.iter().zip(&test.points) {
+                found[*k] = fails(point).then(|| 0.01 * point.percent());
+            }
         }
         found
     }
@@ -147,7 +164,79 @@ impl Executor<'_> {
     }
 }
 
+/// The places of the points of each way, by rising frequency: the first visits of all frequencies, then the second.
+fn ways(points: &[SweepPoint]) -> Vec<Vec<usize>> {
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by(|a, b| {
+        let (a, b) = (&points[*a], &points[*b]);
+        a.phasors.freq_hz.total_cmp(&b.phasors.freq_hz).then(a.index.cmp(&b.index))
+    });
+    let mut ways: Vec<Vec<usize>> = Vec::new();
+    let (mut visit, mut freq_hz) = (0, f64::NAN);
+    for k in order {
+        visit = if points[k].phasors.freq_hz == freq_hz { visit + 1 } else { 0 };
+        freq_hz = points[k].phasors.freq_hz;
+        if ways.len() <= visit {
+            ways.push(Vec::new());
+        }
+        ways[visit].push(k);
+    }
+    ways
+}
+
 /// Charge that a sinusoid moves to and fro, C: its mean magnitude is 2/π of its amplitude.
 fn moved_c(step: &Step, time_s: f64) -> f64 {
     if let Step::Sine { amplitude_a, .. } = step { std::f64::consts::FRAC_2_PI * amplitude_a * time_s } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use analysis::spectrum::{ChannelPhasors, PhasorVariance};
+
+    fn point(index: usize, freq_hz: f64, time_s: f64) -> SweepPoint {
+        let phasors = ChannelPhasors { freq_hz, volts: [num_complex::Complex64::ONE; 4], variance: [PhasorVariance::circular(1.0e-12); 4] };
+        SweepPoint {
+            fixture: Fixture::Cell,
+            index,
+            phasors,
+            volts_per_div: [1.0; 4],
+            free_freq_hz: freq_hz,
+            residual_lag1: 0.0,
+            beside: crate::executor::Beside::default(),
+            warnings: Vec::new(),
+            time_s: 0.0,
+            captures: 1,
+            rechecked: 0,
+            spent: Spent { time_s, charge_c: 0.5 * time_s },
+            measures: crate::quality::Measures::default(),
+            failing: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_sweep_there_and_back_is_two_ways_by_rising_frequency() {
+        let freqs = [10.0, 1.0, 100.0, 100.0, 1.0, 10.0];
+        let points: Vec<SweepPoint> = freqs.iter().enumerate().map(|(k, freq_hz)| point(k, *freq_hz, 0.0)).collect();
+        assert_eq!(ways(&points), [[1, 0, 2], [4, 5, 3]]);
+        assert_eq!(ways(&points[..3]), [[1, 0, 2]]);
+    }
+
+    #[test]
+    fn what_finished_points_have_spent_counts_on() {
+        let quality = Quality {
+            noise: 0.0,
+            distortion: 0.0,
+            drift: 0.0,
+            repeatability: 0.0,
+            kramers_kronig: 0.0,
+            again: 2,
+            time_s: 100.0,
+            charge_c: 60.0,
+        };
+        let points = [point(0, 1.0, 30.0), point(1, 2.0, 50.0)];
+        let spent = Spent::of(points.iter());
+        assert_eq!(spent, Spent { time_s: 80.0, charge_c: 40.0 });
+        assert!(spent.allows(&quality, (20.0, 20.0)) && !spent.allows(&quality, (20.1, 0.0)) && !spent.allows(&quality, (1.0, 20.1)));
+    }
 }

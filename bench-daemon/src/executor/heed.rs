@@ -34,6 +34,7 @@ impl Executor<'_> {
     }
 
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
+        self.ahead = None;
         self.bench.safe_state().await.map_err(first)?;
         self.recorder.journal(Entry::Safe)?;
         self.recorder.journal(Entry::Paused)?;

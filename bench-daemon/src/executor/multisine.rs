@@ -1,8 +1,8 @@
 //! One band of a multisine: the wave goes into the generator, the scope rolls over whole periods of it, the record becomes one point per line.
 
 use analysis::{
-    multisine::{Line, analyse, nonlinear, with_distortion},
-    spectrum::ChannelPhasors,
+    multisine::{Line, analyse, clock_offset, nonlinear, with_distortion},
+    spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
 };
 use instruments::{
     generator::Wave,
@@ -22,12 +22,18 @@ use crate::{
 const FILL_S: f64 = 0.05;
 /// The trigger level lies so many divisions above the centre, out of reach: the scope is to roll.
 const OUT_OF_REACH_DIV: f64 = 4.0;
+/// Standard deviations from which on clocks differ.
+const CERTAIN: f64 = 5.0;
+/// A turn of the fastest line over the record that is said, and one that is refused, rad: 0.3 rad leak about two per mille of a line into the next but one.
+const NOTED_TURN_RAD: f64 = 0.02;
+const GREATEST_TURN_RAD: f64 = 0.3;
 /// How far the current of a line may be from its command, as a share.
 const CURRENT_TOLERANCE: f64 = 0.2;
 
 impl Executor<'_> {
-    /// Drives and records one band; a point per line, and what each line says of noise and distortion.
-    pub(super) async fn multisine(&mut self, band: &Band) -> Result<Vec<SweepPoint>, ExecuteError> {
+    /// Drives and records one band, `first` of the lines of others before it, `taken` records of it there already; a point per line, and what each line says of noise
+    /// and distortion.
+    pub(super) async fn multisine(&mut self, band: &Band, (first, taken): (usize, usize)) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
         self.headroom(Fixture::Cell, (band.base_hz, band.peak_a))?;
         self.play_wave(band).await?;
         let scope = require(&mut self.bench.scope, "scope")?.capabilities();
@@ -37,13 +43,13 @@ impl Executor<'_> {
         self.wait_watching(band.settle_s, Fixture::Cell).await?;
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
-            let waveforms = self.roll(band, attempt).await?;
+            let waveforms = self.roll(band, taken + attempt).await?;
             self.crest(Fixture::Cell, &waveforms)?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
             if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {
                 warnings.extend(ranged);
-                return self.lines(band, &waveforms, (attempt + 1, warnings));
+                return self.lines(band, &waveforms, (first, taken + attempt + 1, warnings));
             }
             warnings.push(format!("measured again: {}", ranged.join("; ")));
         }
@@ -104,21 +110,28 @@ impl Executor<'_> {
         &mut self,
         band: &Band,
         waveforms: &[Waveform; 4],
-        (captures, warnings): (usize, Vec<String>),
-    ) -> Result<Vec<SweepPoint>, ExecuteError> {
+        (first, captures, mut warnings): (usize, usize, Vec<String>),
+    ) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
         let volts = waveforms.each_ref().map(|waveform| {
             let scale = code_scale(waveform);
             waveform.codes.iter().map(|code| scale.volts(*code)).collect::<Vec<f64>>()
         });
         let excited = (band.base_hz, band.design.harmonics.as_slice());
-        let fit = analyse(volts.each_ref().map(Vec::as_slice), waveforms[0].interval_s, excited).map_err(|error| failed(band, error))?;
+        let (channels, interval_s) = (volts.each_ref().map(Vec::as_slice), waveforms[0].interval_s);
+        warnings.extend(self.judge_clocks(band, clock_offset(channels, interval_s, excited))?);
+        let fit = analyse(channels, interval_s, excited).map_err(|error| failed(band, error))?;
         let commanded_a = band.design.amplitude * band.peak_a;
         for phasors in &fit.excited {
             self.check_line(phasors, commanded_a)?;
         }
         let found: Vec<Line> = nonlinear(&fit);
-        let first = self.lines.len();
-        self.lines.extend(found);
+        let clipped = waveforms.iter().map(Waveform::clipped_share).fold(0.0, f64::max);
+        let halves = halves(channels, interval_s, excited);
+        let measures = |k: usize| {
+            let (noise, line) = (noise_share(&fit.excited[k]), &found[k]);
+            let repeatability = halves.as_ref().map(|halves| halves[k]);
+            Measures { clipped, noise, distortion: (line.even.max(line.odd), line.sigma), drift: 0.0, repeatability }
+        };
         let (time_s, volts_per_div) = (self.clock.now_s(), waveforms.each_ref().map(|waveform| waveform.preamble.volts_per_div));
         let point = |(k, phasors): (usize, &ChannelPhasors)| SweepPoint {
             fixture: Fixture::Cell,
@@ -132,10 +145,31 @@ impl Executor<'_> {
             time_s,
             captures,
             rechecked: 0,
-            measures: Measures::default(),
+            spent: super::gate::Spent::default(),
+            measures: measures(k),
             failing: Vec::new(),
         };
-        Ok(with_distortion(&fit).iter().enumerate().map(point).collect())
+        Ok(with_distortion(&fit).iter().enumerate().map(point).zip(found.iter().copied()).collect())
+    }
+
+    /// A multisine takes generator and scope to run on one clock. What their clocks differ by turns the fastest line over the record, and lines leak into each
+    /// other: a little is said, much is refused.
+    fn judge_clocks(&self, band: &Band, found: Option<(f64, f64)>) -> Result<Option<String>, ExecuteError> {
+        let Some((offset, sigma)) = found.filter(|(offset, sigma)| offset.abs() > CERTAIN * sigma) else { return Ok(None) };
+        let fastest_hz = band.design.harmonics.last().map_or(0.0, |harmonic| *harmonic as f64 * band.base_hz);
+        let turn_rad = std::f64::consts::TAU * fastest_hz * band.span_s * offset.abs();
+        let said = format!(
+            "the generator's clock runs {:+.1} ± {:.1} ppm against the scope's: the fastest line turns by {turn_rad:.3} rad over the record",
+            1.0e6 * offset,
+            1.0e6 * sigma
+        );
+        if turn_rad > GREATEST_TURN_RAD {
+            return Err(failed(
+                band,
+                format!("{said}, expected at most {GREATEST_TURN_RAD} rad: connect their 10 MHz references, or shorten the record"),
+            ));
+        }
+        Ok((turn_rad > NOTED_TURN_RAD).then_some(said))
     }
 
     fn check_line(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {
@@ -149,6 +183,30 @@ impl Executor<'_> {
             met: format!("{met_a:.4} A"),
         })
     }
+}
+
+/// Standard deviation of Z by noise, over |Z|.
+fn noise_share(phasors: &ChannelPhasors) -> f64 {
+    let point = raw_impedance(phasors, 1.0);
+    (0.5 * (point.covariance.re_re + point.covariance.im_im)).sqrt() / point.magnitude_ohm()
+}
+
+/// For each line the difference of Z between the first and the second half of the record, over |Z|, and what noise makes of it; nothing where a half has too few
+/// periods.
+fn halves(channels: [&[f64]; 4], interval_s: f64, (base_hz, harmonics): (f64, &[usize])) -> Option<Vec<(f64, f64)>> {
+    let count = channels[0].len();
+    let periods = (count as f64 * interval_s * base_hz).round();
+    let length = ((0.5 * periods).floor() / (base_hz * interval_s)).round() as usize;
+    let part = |from: usize| {
+        let fit = analyse(channels.map(|samples| &samples[from..from + length]), interval_s, (base_hz, harmonics)).ok()?;
+        Some(fit.excited.iter().map(|phasors| raw_impedance(phasors, 1.0)).collect::<Vec<_>>())
+    };
+    let (first, second) = (part(0)?, part(count.checked_sub(length)?)?);
+    let of = |(a, b): (&ImpedancePoint, &ImpedancePoint)| {
+        let (scale, both) = (0.5 * (a.z_ohm.norm() + b.z_ohm.norm()), a.covariance + b.covariance);
+        ((a.z_ohm - b.z_ohm).norm() / scale, (both.re_re + both.im_im).sqrt() / scale)
+    };
+    Some(first.iter().zip(&second).map(of).collect())
 }
 
 fn failed(band: &Band, reason: impl std::fmt::Display) -> ExecuteError {

@@ -98,6 +98,7 @@ pub(crate) fn analyse(asked: &Asked, taken: &Taken<'_>, mut warnings: Vec<String
         time_s: 0.0,
         captures: 1,
         rechecked: 0,
+        spent: super::Spent::default(),
         measures,
         failing: Vec::<Failing>::new(),
     })

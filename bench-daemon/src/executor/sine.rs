@@ -56,6 +56,9 @@ pub struct SweepPoint {
     pub captures: usize,
     /// How often it was measured again because the finished sweep refused it.
     pub rechecked: usize,
+    /// What went into measuring it again.
+    #[serde(default)]
+    pub spent: super::gate::Spent,
     /// What its record says of its own quality.
     pub measures: Measures,
     /// What of that the quality gate refuses.
@@ -71,8 +74,10 @@ impl Executor<'_> {
         let Some(eis) = &self.experiment.eis else {
             return Err(ExecuteError::Signal { freq_hz, reason: "no section [eis]".to_owned() });
         };
-        self.headroom(fixture, (freq_hz, amplitude_a))?;
-        self.drive(freq_hz, amplitude_a).await?;
+        let mut driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
+            Some(since_s) => since_s,
+            None => self.driven(fixture, (freq_hz, amplitude_a)).await?,
+        };
         let scope = require(&mut self.bench.scope, "scope")?.capabilities();
         if self.verticals[0].is_none() {
             // Those of the controls, whatever the amplitude: a gain belongs to a range.
@@ -80,7 +85,15 @@ impl Executor<'_> {
         }
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
-            let waveforms = self.capture(eis, (freq_hz, wait_s), fixture).await?;
+            if attempt > 0 {
+                // The generator may have gone on already, and the ranges are new in any case.
+                self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
+                driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
+                    None if self.next.is_none() => self.clock.now_s(),
+                    _ => self.driven(fixture, (freq_hz, amplitude_a)).await?,
+                };
+            }
+            let waveforms = self.capture(eis, (freq_hz, wait_s, driven_s), fixture).await?;
             let length_s = waveforms[0].interval_s * waveforms[0].codes.len() as f64;
             let (attempt_in_all, time_s) = (taken + attempt, self.stopped_s - 0.5 * length_s);
             let file = CaptureFile {
@@ -109,8 +122,15 @@ impl Executor<'_> {
         Err(ExecuteError::Signal { freq_hz, reason: format!("a channel still clips after {MAX_RANGING} changes of range") })
     }
 
+    /// As [`Self::drive`], where the crests are allowed; gives the instant from which on it settles, bench s.
+    async fn driven(&mut self, fixture: Fixture, (freq_hz, amplitude_a): (f64, f64)) -> Result<f64, ExecuteError> {
+        self.headroom(fixture, (freq_hz, amplitude_a))?;
+        self.drive(freq_hz, amplitude_a).await?;
+        Ok(self.clock.now_s())
+    }
+
     /// Sets the generator so that the supply drives `amplitude_a`.
-    async fn drive(&mut self, freq_hz: f64, amplitude_a: f64) -> Result<(), ExecuteError> {
+    pub(super) async fn drive(&mut self, freq_hz: f64, amplitude_a: f64) -> Result<(), ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
@@ -147,27 +167,48 @@ impl Executor<'_> {
         Ok(())
     }
 
-    async fn capture(&mut self, eis: &Eis, (freq_hz, wait_s): (f64, f64), fixture: Fixture) -> Result<[Waveform; 4], ExecuteError> {
+    async fn capture(
+        &mut self,
+        eis: &Eis,
+        (freq_hz, wait_s, driven_s): (f64, f64, f64),
+        fixture: Fixture,
+    ) -> Result<[Waveform; 4], ExecuteError> {
         self.apply_verticals().await?;
         let (points, span) = (eis.record_points, Seconds(eis.periods_on_screen / freq_hz));
         let trigger = Trigger { channel: TRIGGER_CHANNEL, level: self.trigger_v };
+        let overlaps = self.overlaps();
         let error = self.bench.error("scope");
         let scope = require(&mut self.bench.scope, "scope")?;
         let (per_div, scope_divisions) = (scope.capabilities().time_per_div(span), scope.capabilities().horizontal_div);
-        for intent in [Intent::Timebase(per_div), Intent::Trigger(trigger), Intent::Arm] {
+        // What nobody has touched since the point before is not sent again where points overlap: it would come out of their settling.
+        let same = self.armed.replace((per_div, trigger)).filter(|_| overlaps);
+        let timebase = (same.map(|armed| armed.0) != Some(per_div)).then_some(Intent::Timebase(per_div));
+        let trigger = (same.map(|armed| armed.1) != Some(trigger)).then_some(Intent::Trigger(trigger));
+        for intent in timebase.into_iter().chain(trigger).chain([Intent::Arm]) {
             scope.set(&intent).await.map_err(&error)?;
         }
-        self.wait_watching(wait_s, fixture).await?;
+        let screen_s = per_div.value() * scope_divisions;
+        if overlaps {
+            self.announce()?;
+            self.watch_until(self.ripe_s((freq_hz, wait_s), driven_s, screen_s), fixture).await?;
+        } else {
+            self.wait_watching(wait_s, fixture).await?;
+        }
         let scope = require(&mut self.bench.scope, "scope")?;
         scope.stop().await.map_err(&error)?;
         self.stopped_s = self.clock.now_s();
-        let mut waveforms = Vec::with_capacity(4);
+        self.go_ahead(fixture).await?;
+        let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
         for channel in 1..=4 {
-            waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, points).await.map_err(&error)?);
+            let scope = require(&mut self.bench.scope, "scope")?;
+            let waveform = match waveforms.last().filter(|_| overlaps) {
+                Some(before) => scope.download_beside(channel, points, before).await,
+                None => scope.download(channel, points).await,
+            };
+            waveforms.push(waveform.map_err(&error)?);
             // The current still flows: a download must not stop the watching.
-            self.watch("sine", fixture).await?;
+            self.watch_between(fixture).await?;
         }
-        let screen_s = per_div.value() * scope_divisions;
         self.check_frame(freq_hz, &waveforms, screen_s)?;
         waveforms.try_into().map_err(|_| ExecuteError::Signal { freq_hz, reason: "not four channels".to_owned() })
     }

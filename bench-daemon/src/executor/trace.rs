@@ -342,12 +342,12 @@ impl Executor<'_> {
         zero: &Zero,
         (origin_s, recorded): (f64, Recorded),
     ) -> Result<(), ExecuteError> {
-        let charge_c: f64 =
-            recorded.rows.windows(2).map(|pair| 0.5 * (pair[0].current_a + pair[1].current_a) * (pair[1].time_s - pair[0].time_s)).sum();
+        let charge_c = charge_of(&recorded.rows);
         let scatter = recorded.squares.map(|square| (square / recorded.frames.max(1) as f64).sqrt());
         let entry = TraceEntry {
             file: format!("series_{}_{}.bdf.csv", trace.name, trace.repeat),
             name: trace.name.clone(),
+            cell: self.specimen.as_ref().map(|specimen| specimen.name.clone()),
             repeat: trace.repeat,
             order: self.recorder.measured(),
             start_time_s: origin_s,
@@ -355,7 +355,10 @@ impl Executor<'_> {
             charge_before_c: self.charge_c,
             temperature_c: zero.temperature_c,
             role: trace.role,
-            repeat_group: trace.repeat_group.clone(),
+            repeat_group: self
+                .specimen
+                .as_ref()
+                .map_or_else(|| trace.repeat_group.clone(), |specimen| format!("{}_{}", trace.repeat_group, specimen.name)),
             current_positive: CurrentPositive::Charge,
             current_between_samples: CurrentBetween::Linear,
             steps_s: recorded.steps_s,
@@ -366,6 +369,11 @@ impl Executor<'_> {
         self.recorder.trace(entry, &recorded.rows)?;
         Ok(())
     }
+}
+
+/// Charge that a trace has moved into the cell, C.
+pub fn charge_of(rows: &[TraceRow]) -> f64 {
+    rows.windows(2).map(|pair| 0.5 * (pair[0].current_a + pair[1].current_a) * (pair[1].time_s - pair[0].time_s)).sum()
 }
 
 /// Standard deviation of readings.

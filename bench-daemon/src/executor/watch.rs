@@ -1,11 +1,12 @@
 //! Reading and judging: what each step may expose the cell to, and the polls of voltage, current, temperature and chiller.
 
-use instruments::mock::plant::Fixture;
+use instruments::{link::LinkError, mock::plant::Fixture};
 
 use super::{ExecuteError, Executor, POLL_S, metered::BELOW_GREATEST_V, require};
 use crate::{
     interlock::{Allowance, NO_CURRENT_A, Reading, Trip},
     plan::{Flow, Step},
+    thermostat::Action,
 };
 
 /// The gain error of a meter, as part of a step's envelope.
@@ -147,6 +148,7 @@ impl Executor<'_> {
 
     /// The cell's temperature with every tenth reading, or earlier when it grows old.
     pub(super) async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
+        self.regulate().await?;
         self.polls = self.polls.wrapping_add(1);
         let due = self.polls.is_multiple_of(TEMPERATURE_EVERY) || self.interlock.wants_temperature(self.clock.machine_s());
         if due { self.cell_temperature().await } else { Ok(None) }
@@ -155,6 +157,7 @@ impl Executor<'_> {
     /// The cell's temperature; nothing on a bench without a logger. An open thermocouple is a reading that is no number, and trips. A chiller that was
     /// started is asked at the same time whether it still runs.
     pub(super) async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
+        self.regulate().await?;
         self.watch_chiller().await?;
         let error = self.bench.error("logger");
         let Some(logger) = self.bench.logger.as_mut() else { return Ok(None) };
@@ -174,6 +177,26 @@ impl Executor<'_> {
         match self.interlock.chiller(&status, self.clock.now_s()) {
             Some(trip) => Err(trip.into()),
             None => Ok(()),
+        }
+    }
+
+    /// Holds a bath that has no loop of its own: reads it once in a window and gives a pulse. A reading that cannot be believed is none; a board that does
+    /// not answer, or whose relays do not follow, is an error.
+    async fn regulate(&mut self) -> Result<(), ExecuteError> {
+        let (error, now_s) = (self.bench.error("chiller"), self.clock.now_s());
+        let Some(thermostat) = self.thermostat.as_mut().filter(|thermostat| thermostat.is_due(now_s)) else { return Ok(()) };
+        let chiller = require(&mut self.bench.chiller, "chiller")?;
+        let reading_c = match chiller.temperature().await {
+            Ok(celsius) => Some(celsius.value()),
+            Err(LinkError::Unexpected { .. }) => None,
+            Err(failed) => return Err(error(failed).into()),
+        };
+        match thermostat.step(reading_c, self.clock.now_s()) {
+            Action::Pulse(seconds) => Ok(chiller.pulse(seconds).await.map_err(error)?),
+            Action::Fault(fault) => {
+                chiller.pulse(0.0).await.map_err(error)?;
+                Err(Trip::Chiller { said: fault.to_string(), time_s: now_s }.into())
+            }
         }
     }
 

@@ -1,7 +1,7 @@
 //! What of a plan is refused before anything is energised: what could leave the limits of the cell, drive without a supply that is up, change a fixture under
 //! power, or wait without end. Pure.
 
-use instruments::mock::plant::Fixture;
+use instruments::{mock::plant::Fixture, supply4q::Holds};
 
 use super::{Checked, Plan, PlanError, Purpose, Step};
 use crate::interlock::Limits;
@@ -20,7 +20,9 @@ impl Plan {
             for (step_index, step) in stage.steps.iter().enumerate() {
                 let fail = |reason: String| PlanError { stage: stage_index + 1, step: step_index + 1, what: step.to_string(), reason };
                 step.check(limits, powered).map_err(fail)?;
-                if matches!(stage.purpose, Purpose::Sweep(Fixture::Short, _)) && matches!(step, Step::PowerUp { held: false, .. }) {
+                if matches!(stage.purpose, Purpose::Sweep(Fixture::Short, _))
+                    && matches!(step, Step::PowerUp { held: Holds::Voltage | Holds::Nothing, .. })
+                {
                     let reason = "expected a bipolar supply with a programmable current limit to drive a short, found one whose output follows \
                                   the generator up to its rated current: leave [fixture_check.short] out";
                     return Err(fail(reason.to_owned()));
@@ -132,19 +134,27 @@ mod tests {
     use crate::plan::Stage;
 
     const LIMITS: Limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
-    const UP: Step = Step::PowerUp { compliance_v: 5.0, limit_a: 3.0, held: true };
+    const UP: Step = Step::PowerUp { compliance_v: 5.0, limit_a: 3.0, held: Holds::CurrentAndVoltage };
     const SINE: Step = Step::Sine { index: 0, freq_hz: 1.0, amplitude_a: 1.0, wait_s: 12.0 };
 
     #[test]
     fn a_short_is_driven_only_by_a_supply_that_limits_its_current() {
-        for (fixture, held, sound) in
-            [(Fixture::Short, true, true), (Fixture::Short, false, false), (Fixture::FakeCell, false, true), (Fixture::Cell, false, true)]
-        {
+        for (fixture, held, sound) in [
+            (Fixture::Short, Holds::CurrentAndVoltage, true),
+            (Fixture::Short, Holds::Voltage, false),
+            (Fixture::Short, Holds::Nothing, false),
+            (Fixture::FakeCell, Holds::Voltage, true),
+            (Fixture::Cell, Holds::Voltage, true),
+            (Fixture::Cell, Holds::Nothing, true),
+        ] {
             let up = Step::PowerUp { compliance_v: 5.0, limit_a: 3.0, held };
-            assert_eq!(up.to_string().contains("current limit 3 A"), held, "{up}");
-            assert_eq!(up.to_string().ends_with("no programmable current limit: the output follows the generator"), !held, "{up}");
+            let text = up.to_string();
+            assert_eq!(text.contains("current limit 3 A"), held == Holds::CurrentAndVoltage, "{up}");
+            assert_eq!(text.contains("compliance 5 V"), held != Holds::Nothing, "{up}");
+            assert_eq!(text.ends_with("no programmable current limit: the output follows the generator"), held == Holds::Voltage, "{up}");
+            assert_eq!(text.ends_with("only the daemon's readings and a fuse hold it"), held == Holds::Nothing, "{up}");
             let stage = Stage { purpose: Purpose::Sweep(fixture, 1), steps: vec![Step::Mount(fixture), up, SINE, Step::PowerDown] };
-            assert_eq!(Plan { stages: vec![stage] }.check(&LIMITS).is_ok(), sound, "{fixture:?}, held: {held}");
+            assert_eq!(Plan { stages: vec![stage] }.check(&LIMITS).is_ok(), sound, "{fixture:?}, held: {held:?}");
         }
     }
 
@@ -163,7 +173,7 @@ mod tests {
         for (steps, reason) in [
             (vec![SINE], "expected the bipolar supply to be up"),
             (
-                vec![Step::PowerUp { compliance_v: 4.2, limit_a: 3.0, held: true }],
+                vec![Step::PowerUp { compliance_v: 4.2, limit_a: 3.0, held: Holds::CurrentAndVoltage }],
                 "expected a compliance within 4.45 V to 6.70 V, found 4.2 V",
             ),
             (vec![UP, SINE], "taken down before the stage ends"),

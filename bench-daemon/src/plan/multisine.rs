@@ -31,6 +31,11 @@ pub struct Band {
 }
 
 impl Band {
+    /// Mean magnitude of the current at most, A: its effective value.
+    pub fn mean_a(&self) -> f64 {
+        self.peak_a / self.design.crest_factor
+    }
+
     /// Periods in the record.
     pub fn periods(&self) -> f64 {
         self.span_s * self.base_hz

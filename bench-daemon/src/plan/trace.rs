@@ -68,6 +68,8 @@ pub struct TracePlan {
     pub through: Through,
     /// What became of rows that are shorter than a step.
     pub averaged: Option<Averaged>,
+    /// Resistance between the cell and the load's voltmeter where load and supply drive, Ω.
+    pub lead_ohm: f64,
     /// Rest before it, nothing connected, s.
     pub rest_s: f64,
     /// Steps of the current, by time; the last is to zero.
@@ -213,6 +215,7 @@ pub(crate) fn test_trace() -> TracePlan {
         repeat_group: "t".to_owned(),
         through: Through::Bipolar,
         averaged: None,
+        lead_ohm: 0.0,
         rest_s: 0.0,
         levels: vec![Level { at_s: 0.5, current_a: -1.0, power_w: None }, Level { at_s: 5.5, current_a: 0.0, power_w: None }],
         frames: Vec::new(),

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use instruments::mock::plant::Fixture;
+use instruments::{mock::plant::Fixture, supply4q::Holds};
 
 use super::{Missed, Purpose, Step, Through};
 
@@ -49,9 +49,13 @@ impl fmt::Display for Step {
                 write!(f, "accept {low} V to {high} V at rest, {otherwise}")
             }
             Self::Leg(ref leg) => leg.fmt(f),
-            Self::PowerUp { compliance_v, limit_a, held: true } => {
+            Self::PowerUp { compliance_v, limit_a, held: Holds::CurrentAndVoltage } => {
                 write!(f, "bipolar supply up: compliance {compliance_v} V, current limit {limit_a} A")
             }
+            Self::PowerUp { held: Holds::Nothing, .. } => f.write_str(
+                "bipolar supply up: no programmable limit of current or voltage: the output follows the generator up to its ratings, and only the \
+                 daemon's readings and a fuse hold it",
+            ),
             Self::PowerUp { compliance_v, .. } => {
                 write!(f, "bipolar supply up: compliance {compliance_v} V, no programmable current limit: the output follows the generator")
             }

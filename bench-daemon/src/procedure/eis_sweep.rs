@@ -1,7 +1,7 @@
 //! EIS sweep (thesis 3.3.1): one sinusoid after the other, at least eleven periods plus one second each. The same sweep over a control impedance is
 //! the fixture check (thesis 3.3.2).
 
-use instruments::mock::plant::Fixture;
+use instruments::{mock::plant::Fixture, supply4q::Holds};
 
 use crate::{
     config::{Eis, Order},
@@ -31,8 +31,8 @@ pub(super) struct Sweep<'a> {
     pub(super) repeat: usize,
     /// Amplitude, A.
     pub(super) amplitude_a: f64,
-    /// The bipolar supply limits its current by itself.
-    pub(super) held: bool,
+    /// What the bipolar supply limits by itself.
+    pub(super) held: Holds,
     /// Frequencies beyond those of the sweep, for a control, Hz.
     pub(super) beyond_hz: &'a [f64],
     /// Seed of the order.
@@ -103,7 +103,8 @@ fn shuffled(values: &[f64], mut state: u64) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    const SWEEP: Sweep<'_> = Sweep { fixture: Fixture::Cell, repeat: 1, amplitude_a: 1.0, held: true, beyond_hz: &[], seed: 1 };
+    const SWEEP: Sweep<'_> =
+        Sweep { fixture: Fixture::Cell, repeat: 1, amplitude_a: 1.0, held: Holds::CurrentAndVoltage, beyond_hz: &[], seed: 1 };
 
     #[test]
     fn every_point_waits_eleven_periods_and_a_second_and_a_whole_frame() {
@@ -122,6 +123,7 @@ mod tests {
             order: Order::Ascending,
             steps_a: vec![1.0],
             compensate_drift: false,
+            overlap: None,
             quality: None,
         };
         let limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
@@ -157,6 +159,7 @@ mod tests {
             order,
             steps_a: vec![1.0],
             compensate_drift,
+            overlap: None,
             quality: None,
         };
         let ordered = |order| frequencies(&SWEEP, &eis(order, false));

@@ -20,7 +20,7 @@ use crate::{
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
     let supply = experiment.bench.instruments.supply4q.as_ref().and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
-    let held = supply.is_some_and(|dialect| dialect.capabilities().current_limit);
+    let held = supply.map_or(supply4q::Holds::Nothing, |dialect| dialect.capabilities().holds);
     let limits = &experiment.cell.limits;
     let beyond_hz = experiment.fixture_check.as_ref().map_or(&[][..], |check| &check.beyond_hz);
     let sweep = |fixture, repeat, amplitude_a| {

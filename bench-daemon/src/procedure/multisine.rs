@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use analysis::multisine::{design, odd_grid};
-use instruments::mock::plant::Fixture;
+use instruments::{mock::plant::Fixture, supply4q::Holds};
 
 use crate::{
     config::Multisine,
@@ -16,7 +16,7 @@ const COMPLIANCE: (f64, f64) = (0.3, 0.1);
 /// The current limit lies above the peak by this factor and this much, A.
 const LIMIT: (f64, f64) = (1.1, 0.5);
 
-pub(super) fn stage((multisine, repeat): (&Multisine, usize), limits: &Limits, (held, seed): (bool, u64)) -> Stage {
+pub(super) fn stage((multisine, repeat): (&Multisine, usize), limits: &Limits, (held, seed): (Holds, u64)) -> Stage {
     let peak_a = multisine.peak_a;
     let mut steps = vec![Step::Mount(Fixture::Cell)];
     if multisine.rest_s > 0.0 {
@@ -37,6 +37,9 @@ pub(super) fn stage((multisine, repeat): (&Multisine, usize), limits: &Limits, (
             memory_points: multisine.memory_points,
             record_points: multisine.record_points,
         })));
+    }
+    if let Some(quality) = multisine.quality.filter(|quality| quality.again > 0) {
+        steps.push(Step::Recheck { max_s: quality.time_s, charge_c: quality.charge_c });
     }
     steps.push(Step::PowerDown);
     Stage { purpose: Purpose::Multisine(repeat), steps }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use instruments::mock::plant::Fixture;
+use instruments::{mock::plant::Fixture, supply4q::Holds};
 
 use crate::{
     config::{AFTER_WAVE_S, BEFORE_S, Cell, Segment, Trace},
@@ -17,6 +17,8 @@ const GAP_S: f64 = 2.5;
 /// A frame between steps: long enough to roll, s.
 const SPOT_S: f64 = 1.0;
 const SPOT_POINTS: u64 = 2_000;
+/// A share of a step that rounding may make.
+const ROUNDING: f64 = 1.0e-6;
 /// Samples of a step of a wave, at least, and the records that there are.
 const SAMPLES_PER_STEP: f64 = 8.0;
 const WAVE_POINTS: [u64; 3] = [POINTS, 2 * POINTS, 5 * POINTS];
@@ -30,7 +32,7 @@ const COMPLIANCE: (f64, f64) = (0.3, 0.1);
 const LIMIT: (f64, f64) = (1.02, 0.5);
 
 /// `held` as for a sweep; `screen_s`: the time that the scope's screen spans when it is to hold at least a given span.
-pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: bool, screen_s: impl Fn(f64) -> f64) -> Stage {
+pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: Holds, screen_s: impl Fn(f64) -> f64) -> Stage {
     let levels = levels(trace);
     let frames = match trace.through {
         Through::Bipolar => frames(&levels, end_s(trace), trace, screen_s),
@@ -44,6 +46,7 @@ pub(super) fn stage((trace, repeat): (&Trace, usize), cell: &Cell, held: bool, s
         repeat_group: trace.repeat_group.clone(),
         through: trace.through,
         averaged: trace.averaged,
+        lead_ohm: trace.lead_ohm,
         rest_s: trace.rest_s,
         levels,
         frames,
@@ -90,7 +93,7 @@ fn levels(trace: &Trace) -> Vec<Level> {
 
 /// Time before the first row, s: whole steps of a wave.
 fn before_s(trace: &Trace) -> f64 {
-    if let Through::Wave { step_s, .. } = trace.through { (BEFORE_S / step_s).ceil() * step_s } else { BEFORE_S }
+    if let Through::Wave { step_s, .. } = trace.through { (BEFORE_S / step_s - ROUNDING).ceil() * step_s } else { BEFORE_S }
 }
 
 /// The frame that holds a whole wave, with as many points as its steps want.
@@ -151,6 +154,7 @@ mod tests {
             rest_s: 0.0,
             through: Through::Bipolar,
             averaged: None,
+            lead_ohm: 0.0,
             start_v: (3.6, 3.8),
             resistance_max_ohm: 0.03,
             segments: segments.iter().map(|&(current_a, duration_s)| Segment { current_a, duration_s, power_w: None }).collect(),

@@ -34,7 +34,8 @@ impl Heard {
     pub fn look(&mut self) {
         // What cannot be read says nothing; the run goes on all the same.
         for line in self.follow.look().unwrap_or_default().lines {
-            let Ok(transcript) = Transcript::from_str(&line) else { continue };
+            // Without its end a line is a torn one.
+            let Ok(transcript) = Transcript::from_str(&format!("{line}\n")) else { continue };
             for record in transcript.records {
                 let Payload::Text(text) = record.payload else {
                     self.answered_s = Some(record.time_s);

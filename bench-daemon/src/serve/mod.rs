@@ -181,7 +181,7 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     let server = Arc::new(Server::open(settings)?);
     let notify = systemd::Notify::from_environment();
     let listener = http::Listener::bind(&server).await?;
-    let supervisor = supervisor::start(&server, notify.watchdog_s)?;
+    let supervisor = supervisor::start(&server)?;
     say!("listening on {}", listener.url());
     notify.say("READY=1");
     let refresh = async {

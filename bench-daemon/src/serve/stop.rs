@@ -41,11 +41,11 @@ pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: &str) -> Stop
         return outcome(server, &bench.name).await;
     }
     server.hub.tell("stop", &report);
-    // Nothing else is begun behind it.
+    // As long as the stop is not over nothing is begun, whatever the disk does; and from then on because the bench is held.
+    let gone = end_run(server, bench, &mut report).await;
     if let Err(error) = server.queue().hold(&bench.name, &format!("stopped by {by}")) {
         tracing::error!("{error}");
     }
-    let gone = end_run(server, bench, &mut report).await;
     switch_off(server, bench, gone, &mut report).await;
     report.over = true;
     server.stops().insert(bench.name.clone(), report.clone());
@@ -75,11 +75,11 @@ async fn end_run(server: &Server, bench: &config::Bench, report: &mut StopReport
         tell(server, report, "no run was in work".to_owned());
         return true;
     };
-    // The wish for a run that is busy with something that a signal does not interrupt, the signal for one that is between two wishes.
+    // Before anything is written: a disk that hangs must not hold up the signal.
+    let asked = kill(Pid::from_raw(pid), Signal::SIGTERM);
     if let Err(error) = (Wishes { course: Course::Abort, ..Wishes::read(&folder) }).write(&folder) {
         tracing::error!("{error}");
     }
-    let asked = kill(Pid::from_raw(pid), Signal::SIGTERM);
     tell(
         server,
         report,

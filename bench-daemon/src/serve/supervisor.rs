@@ -68,7 +68,7 @@ pub struct Answer {
 ///
 /// # Errors
 /// A system without threads; a state folder that cannot be written.
-pub fn start(server: &Arc<Server>, _watchdog_s: Option<f64>) -> Result<Supervisor, Failure> {
+pub fn start(server: &Arc<Server>) -> Result<Supervisor, Failure> {
     let mut posts = server.settings.benches.iter().map(|bench| Post::new(server, bench)).collect::<Result<Vec<_>, _>>()?;
     let (server, handle) = (server.clone(), tokio::runtime::Handle::current());
     let end = Arc::new(AtomicBool::new(false));
@@ -162,6 +162,9 @@ impl Post {
 
     /// Begins what comes next, where the bench is free.
     fn begin(&mut self, server: &Server) {
+        if server.stops().get(&self.bench.name).is_some_and(|stop| !stop.over) {
+            return;
+        }
         let Some(item) = server.queue().next(&self.bench.name).cloned() else { return };
         if self.taken() {
             return;
@@ -186,6 +189,8 @@ impl Post {
     fn begun(&self, server: &Server, item: &Item, pid: i32) {
         let process = Process { pid, started_unix_s: clock::unix_time_s() };
         let item = Item { process: Some(process.clone()), ..item.clone() };
+        // What the last stop has shown is no longer so.
+        server.stops().remove(&self.bench.name);
         let begun = server.queue().begun(item.id, process);
         let job = Job { item, ended: None };
         if let Some(error) = begun.err().map(|error| error.to_string()).or_else(|| jobs::write(&server.settings.data, &job).err()) {

@@ -97,13 +97,11 @@ impl Watch {
         }
         self.inode = inode;
         // What cannot be read now is read at the next look.
-        for line in self.journal.look().unwrap_or_default().lines {
-            if let Ok(line) = serde_json::from_str::<Line>(&line) {
-                self.entry(line);
-            }
+        while let Some(lines) = grown(&mut self.journal) {
+            lines.iter().filter_map(|line| serde_json::from_str::<Line>(line).ok()).for_each(|line| self.entry(line));
         }
-        for line in self.readings.look().unwrap_or_default().lines {
-            self.read(&line);
+        while let Some(lines) = grown(&mut self.readings) {
+            lines.iter().for_each(|line| self.read(line));
         }
         self.heard.values_mut().for_each(Heard::look);
     }
@@ -263,4 +261,9 @@ impl Watch {
         }
         (total_s, left_s)
     }
+}
+
+/// Whole lines that are new, where there are any.
+fn grown(file: &mut Follow) -> Option<Vec<String>> {
+    file.look().ok().map(|grown| grown.lines).filter(|lines| !lines.is_empty())
 }

@@ -9,6 +9,7 @@ use analysis::dataset::write_atomically;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{Latched, StateError, began, io};
+use crate::record::with_causes;
 
 /// Who runs a bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -82,7 +83,7 @@ pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<Option<Result<T, 
 pub(super) fn json<T: Serialize>(path: &Path, value: &T) -> Result<(), StateError> {
     let mut text = serde_json::to_string_pretty(value).map_err(|error| io(path, "cannot be put into JSON")(error.into()))?;
     text.push('\n');
-    write_atomically(path, text.as_bytes()).map_err(|error| io(path, "cannot be written")(std::io::Error::other(error)))
+    write_atomically(path, text.as_bytes()).map_err(|error| io(path, "cannot be written")(std::io::Error::other(with_causes(&error))))
 }
 
 /// Removes a file that may be gone already. Its name is gone from the disk only when its folder is written.

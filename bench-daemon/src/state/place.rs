@@ -1,7 +1,8 @@
 //! Where the state of an instrument is kept: in a folder that follows from its address alone, whatever bench file names it. Two bench files that share
 //! an instrument share that folder, and with it lock and latch.
 //!
-//! An instrument that can be reached in two ways, over LAN and over USB, is two to this program.
+//! An instrument on the network is one, be it reached by VXI-11, HiSLIP or the raw socket that goes with them; one that is reached over LAN and over
+//! USB is two to this program.
 
 use std::{
     fs,
@@ -40,44 +41,67 @@ fn root() -> Result<PathBuf, StateError> {
     variable(VARIABLE).or_else(own).ok_or(StateError::Nowhere)
 }
 
+/// Ports at which instruments offer their raw socket beside VXI-11 and HiSLIP.
+const RAW_PORTS: [u16; 2] = [5025, 5555];
+
 /// What an address means: the name as it is typed, and what it stands for at present. One in common is enough.
 fn keys(address: &Address) -> Vec<String> {
     match address {
-        Address::Tcp(socket) => hosts(socket).map(|host| format!("tcp {host} {}", socket.port)).collect(),
-        Address::HiSlip { socket, device } => hosts(socket).map(|host| format!("hislip {host} {} {device}", socket.port)).collect(),
-        Address::Vxi11 { host, port, device } => {
-            let (Vxi11Port::Fixed(number) | Vxi11Port::Mapped(number)) = *port;
-            hosts(&Socket { host: host.clone(), port: number }).map(|host| format!("vxi11 {host} {number} {device}")).collect()
+        Address::Tcp(socket) => tcp(socket),
+        // A device that is reached by its name on the network is one instrument, at whichever port; a raw socket may be one of many of a port server.
+        Address::Vxi11 { host, port, .. } => {
+            let port = match port {
+                Vxi11Port::Mapped(port) | Vxi11Port::Fixed(port) => *port,
+            };
+            named(host, port)
         }
-        Address::Gpib { adapter: Adapter::Tcp(socket), address } => {
-            hosts(socket).map(|host| format!("gpib {host} {} {address}", socket.port)).collect()
+        Address::HiSlip { socket, .. } => named(&socket.host, socket.port),
+        Address::Serial(settings) => file("serial", &settings.path),
+        Address::UsbTmc { path } => file("usbtmc", path),
+        Address::Gpib { adapter, address } => {
+            let adapter = match adapter {
+                Adapter::Tcp(socket) => tcp(socket),
+                Adapter::Serial(settings) => file("serial", &settings.path),
+            };
+            adapter.into_iter().map(|key| format!("gpib {address} {key}")).collect()
         }
-        Address::Gpib { adapter: Adapter::Serial(settings), address } => {
-            paths(&settings.path).map(|path| format!("gpib {path} {address}")).collect()
-        }
-        Address::Serial(settings) => paths(&settings.path).map(|path| format!("serial {path}")).collect(),
-        Address::UsbTmc { path } => paths(path).map(|path| format!("usbtmc {path}")).collect(),
         Address::Memory { .. } => Vec::new(),
     }
 }
 
-/// A host's name and its numbers.
-fn hosts(Socket { host, port }: &Socket) -> impl Iterator<Item = String> {
-    let host = host.trim_matches(['[', ']', '.']).to_ascii_lowercase();
-    let number = host.parse::<IpAddr>().ok();
-    let found = match number {
-        Some(ip) => vec![ip],
-        None => (host.as_str(), *port).to_socket_addrs().map_or_else(|_| Vec::new(), |found| found.map(|at| at.ip()).collect()),
-    };
-    let here = found.iter().any(|ip| ip.to_canonical().is_loopback());
-    let name = number.is_none().then_some(host);
-    found.into_iter().map(move |ip| if here { "localhost".to_owned() } else { ip.to_canonical().to_string() }).chain(name)
+fn tcp(Socket { host, port }: &Socket) -> Vec<String> {
+    hosts(host, *port).into_iter().map(|host| format!("tcp {host} {port}")).collect()
 }
 
-/// A device's file and what it stands for: a name below /dev/serial stays when the cable is plugged in elsewhere, and stands for one that does not.
-fn paths(path: &str) -> impl Iterator<Item = String> {
+/// Mocks share the loopback address, where the port is what tells them apart.
+fn named(host: &str, port: u16) -> Vec<String> {
+    let hosts = hosts(host, port);
+    if hosts.iter().any(|host| host == HERE) {
+        return tcp(&Socket { host: host.to_owned(), port });
+    }
+    let raw = hosts.iter().flat_map(|host| RAW_PORTS.map(|port| format!("tcp {host} {port}")));
+    raw.chain(hosts.iter().map(|host| format!("lan {host}"))).collect()
+}
+
+const HERE: &str = "localhost";
+
+/// A host's name, and its numbers at present.
+fn hosts(host: &str, port: u16) -> Vec<String> {
+    let host = host.trim_matches(['[', ']', '.']).to_ascii_lowercase();
+    let found = match host.parse::<IpAddr>() {
+        Ok(ip) => vec![ip],
+        Err(_) => (host.as_str(), port).to_socket_addrs().map_or_else(|_| Vec::new(), |found| found.map(|at| at.ip()).collect()),
+    };
+    let here = found.iter().any(|ip| ip.to_canonical().is_loopback());
+    let numbers = found.iter().map(|ip| if here { HERE.to_owned() } else { ip.to_canonical().to_string() });
+    let name = host.parse::<IpAddr>().is_err().then(|| host.clone());
+    numbers.chain(name).collect()
+}
+
+/// A name below /dev/serial stays when the cable is plugged in elsewhere, and stands for one that does not.
+fn file(kind: &str, path: &str) -> Vec<String> {
     let stands_for = fs::canonicalize(path).ok().map(|path| path.display().to_string());
-    std::iter::once(path.to_owned()).chain(stands_for)
+    std::iter::once(path.to_owned()).chain(stands_for).map(|path| format!("{kind} {path}")).collect()
 }
 
 /// A name that a person recognises and that no other key has.
@@ -103,17 +127,19 @@ mod tests {
             ("tcp://[2001:DB8:0:0::1]:5025", "tcp://[2001:db8::1]:5025"),
             ("tcp://Scope.Invalid:5025", "tcp://scope.invalid.:5025"),
             ("serial:/dev/ttyUSB0?baud=4800", "serial:/dev/ttyUSB0"),
-            ("vxi11:10.1.2.3", "vxi11:[::ffff:10.1.2.3]/inst0?portmapper=111"),
-            ("hislip:10.1.2.3:4880/hislip0", "hislip:10.1.2.3"),
-            ("gpib:serial:/dev/ttyUSB0/7?baud=115200", "gpib:serial:/dev/ttyUSB0/7"),
+            ("tcp://10.1.2.3:5025", "vxi11:10.1.2.3/inst0"),
+            ("vxi11:10.1.2.3:4711/inst0", "vxi11:10.1.2.3/inst0"),
+            ("hislip:10.1.2.3/hislip0", "vxi11:10.1.2.3/inst0"),
+            ("gpib:serial:/dev/ttyUSB0/6?baud=9600", "gpib:serial:/dev/ttyUSB0/6"),
         ] {
             assert!(of(one).iter().any(|key| of(other).contains(key)), "{:?} {:?}", of(one), of(other));
         }
         for (one, other) in [
             ("tcp://10.1.2.3:5025", "tcp://10.1.2.3:5026"),
             ("tcp://10.1.2.3:5025", "tcp://10.1.2.4:5025"),
-            ("gpib:tcp:10.1.2.3:1234/7", "gpib:tcp:10.1.2.3:1234/8"),
-            ("usbtmc:/dev/usbtmc0", "usbtmc:/dev/usbtmc1"),
+            ("vxi11:10.1.2.3/inst0", "vxi11:10.1.2.4/inst0"),
+            ("vxi11:127.0.0.1:4711/inst0", "vxi11:127.0.0.1:4712/inst0"),
+            ("gpib:tcp:10.1.2.3:1234/6", "gpib:tcp:10.1.2.3:1234/7"),
         ] {
             assert!(!of(one).iter().any(|key| of(other).contains(key)), "{one} {other}");
         }

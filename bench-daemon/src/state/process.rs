@@ -22,7 +22,7 @@ fn field(pid: i32, number: usize) -> Option<String> {
 }
 
 /// The person at the machine, by the name of their account.
-pub(super) fn who() -> String {
+pub fn who() -> String {
     let uid = nix::unistd::Uid::current();
     nix::unistd::User::from_uid(uid).ok().flatten().map_or_else(|| format!("uid {uid}"), |user| user.name)
 }

@@ -168,3 +168,80 @@ fn a_campaign_that_cannot_be_is_refused() {
     none.expect_code(3);
     assert!(none.message().contains("JIG:CELL 2"), "{}", none.message());
 }
+
+#[test]
+fn the_index_names_the_cells_and_a_diagnosis_is_one_cells() {
+    let files = Files::short(8)
+        .append(EXPERIMENT, "[campaign]\nrepeats = 2\ncells = [{ name = \"A\" }, { name = \"B\" }]")
+        .append(SCENARIO, "[specimens]\ncount = 2");
+    files.run("run").expect_code(0);
+    let run = files.path("run");
+    let index: RunIndex = serde_json::from_str(&fs::read_to_string(run.join("traces.json")).unwrap()).unwrap();
+    let cells: Vec<Option<&str>> = index.sweeps.iter().map(|sweep| sweep.cell.as_deref()).collect();
+    assert_eq!(cells, [Some("A"), Some("A"), Some("B"), Some("B")]);
+    let model = run.join("model_1rc.json");
+    let diagnose = |more: &[&str]| {
+        let mut arguments = vec!["diagnose".as_ref(), run.as_os_str(), "--model".as_ref(), model.as_os_str()];
+        arguments.extend(more.iter().map(|argument| <str as AsRef<std::ffi::OsStr>>::as_ref(argument)));
+        program(&arguments)
+    };
+    let out = files.path("out");
+    let both = diagnose(&["--out", out.to_str().unwrap()]);
+    let text = &both.expect_code(0).stdout;
+    assert!(text.contains("cell A:\n") && text.contains("cell B:\n"), "{text}");
+    assert!(out.join("A/diagnosis.json").exists() && out.join("B/diagnosis.json").exists());
+    let one = diagnose(&["--specimen", "B", "--json"]);
+    let diagnosis: serde_json::Value = serde_json::from_str(&one.expect_code(0).stdout).unwrap();
+    assert!(diagnosis["verdict"].is_string(), "{diagnosis}");
+    let list: serde_json::Value = serde_json::from_str(&diagnose(&["--json"]).expect_code(0).stdout).unwrap();
+    assert_eq!((list[0]["cell"].as_str(), list[1]["cell"].as_str()), (Some("A"), Some("B")));
+    let none = diagnose(&["--specimen", "C"]);
+    assert_eq!(none.expect_code(2).message(), "--specimen: expected one of A, B, found C");
+}
+
+#[test]
+fn a_linear_cell_is_rarely_doubted_for_a_harmonic_and_one_of_butler_and_volmer_is() {
+    let sweeps = |more: &str| {
+        let files = Files::demo()
+            .without(EXPERIMENT, "temperature")
+            .without(EXPERIMENT, "soc_reset")
+            .without(EXPERIMENT, "fixture_check")
+            .edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"3 A\"\nrepeat = 12")
+            .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
+            .append(SCENARIO, more);
+        let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
+        let report = fs::read_to_string(files.path("run/report.html")).unwrap();
+        let judged: Vec<String> = (1..=12)
+            .map(|number| report.split(&format!(">sweep {number}<")).nth(1).unwrap().split("</tr>").next().unwrap().to_owned())
+            .collect();
+        (finished, judged)
+    };
+    let doubted = |judged: &[String]| judged.iter().filter(|text| text.contains("harmonic 3 of")).count();
+    let (_, linear) = sweeps("");
+    assert!(doubted(&linear) <= 1, "{linear:#?}");
+    let (_, curved) = sweeps("[effects.butler_volmer]\nbranch = 3\nalpha = 0.5");
+    assert_eq!(doubted(&curved), 12, "{curved:#?}");
+}
+
+#[test]
+fn a_reset_leaves_nothing_of_what_traces_have_moved() {
+    let trace = "[[traces]]\nname = \"pulse\"\nrest_first = \"2 s\"\nstart_voltage = [\"3.6 V\", \"3.85 V\"]\nresistance_max = \"30 mΩ\"\n\
+                 pulses = { amplitudes = [\"3 A\"], duration = \"4 s\", relaxation = \"6 s\" }\n\n[campaign]\nrepeats = 2\ncells = [{ name = \"A\" }]";
+    let charges = |files: Files| -> Vec<f64> {
+        let files = files.without(EXPERIMENT, "fixture_check").append(EXPERIMENT, trace);
+        run_experiment(&files.load(), &files.path("run")).unwrap();
+        let index: RunIndex = serde_json::from_str(&fs::read_to_string(files.path("run/traces.json")).unwrap()).unwrap();
+        assert!(index.traces.iter().all(|trace| trace.cell.as_deref() == Some("A") && trace.repeat_group == "pulse_A"), "{index:?}");
+        // The edges are sampled fast: within 20 ms of each step there are rows.
+        let rows = analysis::dataset::read_trace_csv(&files.path("run").join(&index.traces[0].file)).unwrap();
+        for step_s in &index.traces[0].steps_s {
+            let near = rows.iter().filter(|row| (step_s - 0.02..step_s + 0.02).contains(&row.time_s)).count();
+            assert!(near >= 4, "{near} rows around {step_s} s");
+        }
+        index.traces.iter().map(|trace| trace.charge_before_c).collect()
+    };
+    assert_eq!(charges(Files::brief(2)), [0.0, 0.0]);
+    let kept = charges(Files::short(2));
+    // The supply's zero error flows all the while.
+    assert!(kept[0] == 0.0 && kept[1] != 0.0 && kept[1].abs() < 3.0, "{kept:?}");
+}

@@ -207,6 +207,38 @@ fn what_the_bench_cannot_do_is_refused_before_it_is_begun() {
 }
 
 #[test]
+fn quirks_are_checked_against_what_the_model_has_and_a_logger_against_its_inputs() {
+    let second = std::fs::read_to_string(configs().join("benches/second.toml")).unwrap();
+    for (more, message) in [
+        (
+            "[simulation.quirks.scope]\npage_byte = 1",
+            "rigol-dho800: quirk page_byte: expected one of echo, min_gap, first_answer, late_end, digits, second_client, page_points, sticky_transfer, stop_delay, flash, double_end, block_prefix, found `page_byte`",
+        ),
+        ("[simulation.quirks.logger]\nunit = \"R\"", "siglent-sdm3065x: quirk unit: expected one of C, F, K, found `R`"),
+        ("[simulation.quirks.load]\nclamps = 1", "rigol-dl3000: quirk clamps: expected true or false, found 1"),
+        (
+            "[simulation.quirks.oven]\necho = true",
+            "expected an instrument of this bench (supply4q, generator, scope, load, supply, chiller, logger, jig), found \"oven\"",
+        ),
+        ("[thermostat]\nwindow = \"50 s\"", "expected 5 s to 45 s, found 50 s"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bench.toml");
+        std::fs::write(&path, format!("{second}\n{more}\n")).unwrap();
+        let met = bench_daemon::config::load_bench(&path).unwrap_err().to_string();
+        assert!(met.contains(message), "{met}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bench.toml");
+    std::fs::write(&path, second.replace("cell_channel = 1", "cell_channel = 1\nambient_channel = 2")).unwrap();
+    let met = bench_daemon::config::load_bench(&path).unwrap_err().to_string();
+    assert!(
+        met.contains("ambient_channel") && met.contains("a channel that a siglent-sdm3065x has (one input is channel 1), found 2"),
+        "{met}"
+    );
+}
+
+#[test]
 fn limits_beyond_the_cells_own_are_refused_and_useless_ones_are_loudly_said() {
     use crate::support::{CELL, Files, program};
     let plan = |files: &Files| program(&["plan".as_ref(), files.experiment().as_os_str()]);

@@ -6,7 +6,7 @@ use analysis::{multisine::odd_grid, spectrum::Spectrum};
 use bench_daemon::command::run::{Finished, run_experiment};
 use instruments::mock::plant::Fixture;
 
-use crate::support::{EXPERIMENT, Files, SCENARIO};
+use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO};
 
 const BANDS: &str = r#"
 [multisine]
@@ -139,4 +139,70 @@ fn what_the_bench_cannot_play_or_hold_is_refused_in_words() {
         let met = refused(from, to);
         assert!(met.contains(text), "{met}");
     }
+}
+
+#[test]
+fn the_second_generator_plays_it_too() {
+    let text = fs::read_to_string(crate::configuration::configs().join("benches/mixed.toml")).unwrap();
+    let files = one_branch("");
+    files.write(BENCH, &text);
+    let other = run(&files);
+    let one = run(&one_branch(""));
+    let lines = |finished: &Finished| finished.measured.multisines[0].spectrum.points.clone();
+    assert_eq!(lines(&other).len(), 20);
+    for (a, b) in lines(&one).iter().zip(&lines(&other)) {
+        assert!((a.z_ohm - b.z_ohm).norm() < 0.02 * a.z_ohm.norm(), "{a:?} {b:?}");
+    }
+    assert!(!other.measured.multisines[0].lines.iter().any(|line| line.is_distorted()), "{:#?}", other.measured.multisines[0].lines);
+    let sent = crate::support::sent(&files.path("run"), "generator");
+    assert!(sent.iter().any(|message| message.starts_with("SOUR1:DATA:ARB:DAC eis1,")) && sent.contains(&"SOUR1:FUNC:ARB eis1".to_owned()));
+}
+
+const GATE: &str = "[multisine.quality]\nagain = 1\ntime = \"10 min\"\ncharge = \"1 Ah\"";
+
+#[test]
+fn the_gate_lets_a_good_multisine_through_and_flags_what_fails_to_the_end() {
+    let good = one_branch("").append(EXPERIMENT, GATE);
+    let finished = run(&good);
+    let events = fs::read_to_string(good.path("run/events.csv")).unwrap();
+    assert!(!events.contains("recorded again") && finished.measured.multisines[0].flagged.is_empty(), "{events}");
+    assert!(finished.summary.contains("Kramers–Kronig and Z-HIT, multisine: good: valid from 0.1 Hz to 295 Hz"), "{}", finished.summary);
+    // What the law of Butler and Volmer distorts is recorded again once, and distorted then, too.
+    let curved = one_branch("[effects.butler_volmer]\nbranch = 1\nalpha = 0.3")
+        .append(EXPERIMENT, &GATE.replace("again", "distortion = \"0.3 %\"\nagain"));
+    let finished = run(&curved);
+    let events = fs::read_to_string(curved.path("run/events.csv")).unwrap();
+    assert_eq!(events.matches("multisine 1: recorded again: ").count(), 1, "{events}");
+    let flagged = &finished.measured.multisines[0].flagged;
+    assert!(!flagged.is_empty() && flagged[0].reasons[0].starts_with("distortion: expected at most 0.30 %, found "), "{flagged:?}");
+    let index = fs::read_to_string(curved.path("run/traces.json")).unwrap();
+    assert!(
+        index.contains("\"flagged\"") && finished.summary.contains("flagged by the quality gate after 2 records: distortion"),
+        "{}",
+        finished.summary
+    );
+    // Without any time for it nothing is recorded again.
+    let hurried = one_branch("[effects.butler_volmer]\nbranch = 1\nalpha = 0.3")
+        .append(EXPERIMENT, &GATE.replace("again", "distortion = \"0.3 %\"\nagain").replace("10 min", "10 s"));
+    run(&hurried);
+    assert!(!fs::read_to_string(hurried.path("run/events.csv")).unwrap().contains("recorded again"));
+}
+
+#[test]
+fn clocks_that_differ_are_told_and_refused_when_they_differ_much() {
+    let with = |ppm: f64| one_branch(&format!("[drives]\ngenerator_clock_ppm = {ppm}"));
+    let told = run(&with(30.0));
+    assert!(
+        told.summary.contains("the generator's clock runs +30.") && told.summary.contains(" ppm against the scope's"),
+        "{}",
+        told.summary
+    );
+    let files = with(500.0);
+    let refused = run_experiment(&files.load(), &files.path("run")).map(|_| ()).unwrap_err().to_string();
+    assert!(
+        refused.contains("the generator's clock runs +499.")
+            && refused.contains("expected at most 0.3 rad: connect their 10 MHz references"),
+        "{refused}"
+    );
+    assert!(!run(&one_branch("")).summary.contains("generator's clock"));
 }

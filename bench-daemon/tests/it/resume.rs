@@ -281,3 +281,19 @@ fn a_trace_that_is_in_the_index_is_done_whatever_the_journal_says() {
     assert!(fs::read(&file).unwrap() == kept);
     ports.assert_outputs_off();
 }
+
+#[test]
+fn the_charge_that_traces_have_left_is_known_after_a_resume() {
+    let files = traced().edit(EXPERIMENT, "name = \"pulse\"", "name = \"pulse\"\nrepeat = 2");
+    let ports = Ports::serve(&files, 4.0, 1);
+    let run = files.path("run");
+    // Fourteen lines for the first trace; the second one's stage has begun.
+    die(&files, &run, "journal:33");
+    assert_eq!(json(&run.join("traces.json"))["traces"].as_array().unwrap().len(), 1);
+    resume(&run, &[]).expect_code(0);
+    let index = json(&run.join("traces.json"));
+    let before_c = index["traces"][1]["charge_before_c"].as_f64().unwrap();
+    // 3 A for 4 s out of the cell, the gain of the supply, its zero error, and the time that a message takes.
+    assert!((-13.5..-10.5).contains(&before_c), "{before_c}");
+    ports.assert_outputs_off();
+}

@@ -55,7 +55,8 @@ impl Case {
 
     fn prove(&self) {
         let (ended, witness) = self.run(self.with);
-        assert!(ended.starts_with(&format!("interlock: {}", self.trip)), "expected {:?}: {ended}", self.trip);
+        // Where an ammeter has stopped, nobody can verify afterwards that nothing flows.
+        assert!(ended.contains(&format!("interlock: {}", self.trip)), "expected {:?}: {ended}", self.trip);
         assert_eq!(witness.abuse, [], "{ended}: {witness:?}");
         let (ended, witness) = self.run(self.without);
         assert!(witness.abuse.iter().any(|abuse| abuse.kind == self.harm), "{}: {ended}: {witness:?}", self.trip);

@@ -240,6 +240,7 @@ fn a_run_waits_and_goes_on_as_it_is_told() {
     assert_eq!(served.ended(&run)["finished"], true);
     served.post(&format!("/runs/{run}/pause"), "").expect(409);
     served.post("/runs/none/pause", "").expect(404);
+    poll("an idle bench", || Some(()).filter(|()| served.get("/benches/demo")["state"] == "idle"));
     let identified = served.post("/benches/demo/identify", "").expect(200).json();
     assert!(identified["answers"].as_array().unwrap().len() == 8 && identified["trouble"].is_null(), "{identified}");
 }

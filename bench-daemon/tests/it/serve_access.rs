@@ -203,7 +203,8 @@ fn wrong_tokens_are_counted() {
     let guesses: Vec<u16> = (0..25).map(|guess| served.ask("GET", "/api/v1/queue", (&format!("eb_{guess}"), "")).status).collect();
     assert_eq!(guesses.iter().filter(|status| **status == 401).count(), 20, "{guesses:?}");
     assert_eq!(guesses[24], 429);
-    served.ask("GET", "/api/v1/queue", (&good, "")).expect(429);
+    // Whoever has a token is not shut out by a neighbour who guesses.
+    served.ask("GET", "/api/v1/queue", (&good, "")).expect(200);
     served.ask("POST", "/api/v1/benches/demo/stop", (&good, "")).expect(200);
 }
 

@@ -8,24 +8,23 @@ use std::{
     process::{Command, Stdio},
 };
 
-use fantoccini::{Client, ClientBuilder, Locator};
-use hyper_util::client::legacy::connect::HttpConnector;
-use instruments::clock::{Clock, TimeMode};
-use tokio::runtime::Runtime;
+use serde_json::{Value, json};
 
 use crate::{
-    serve_support::{Served, config, token},
+    serve_support::{Served, config, exchange, token},
     support::{Files, Ports, Running, poll},
 };
 
 const DESKTOP: (u32, u32) = (1280, 1000);
 const PHONE: (u32, u32) = (390, 844);
+/// The name of an element in answers (WebDriver, 11).
+const ELEMENT: &str = "element-6066-11e4-a52e-4f735466cecf";
 
-/// A browser with one window.
+/// A browser with one window, spoken to as WebDriver (W3C) says.
 struct Browser {
-    runtime: Runtime,
-    client: Client,
-    _driver: Running,
+    driver: String,
+    session: String,
+    _process: Running,
     _profile: tempfile::TempDir,
 }
 
@@ -37,11 +36,12 @@ impl Browser {
             eprintln!("SKIPPED: no chromedriver on this machine; Debian has it in the package chromium-driver");
             return None;
         };
-        let mut driver = Running(driver);
-        let lines = BufReader::new(driver.0.stdout.as_mut().unwrap()).lines().map_while(Result::ok);
-        let port = lines
-            .filter_map(|line| line.split_once("on port ").and_then(|(_, port)| port.trim_end_matches('.').parse::<u16>().ok()))
-            .next()?;
+        let mut process = Running(driver);
+        let lines = BufReader::new(process.0.stdout.as_mut().unwrap()).lines().map_while(Result::ok);
+        // It first says that it was asked for port 0.
+        let port =
+            |line: String| line.split_once("successfully on port ").and_then(|(_, port)| port.trim_end_matches('.').parse::<u16>().ok());
+        let driver = format!("127.0.0.1:{}", lines.filter_map(port).next()?);
         let profile = tempfile::tempdir().unwrap();
         let arguments = [
             "--headless",
@@ -57,33 +57,34 @@ impl Browser {
             if dark { "--blink-settings=preferredColorScheme=0" } else { "--blink-settings=preferredColorScheme=1" },
             &format!("--user-data-dir={}", profile.path().display()),
         ];
-        let options = serde_json::json!({ "goog:chromeOptions": { "args": arguments, "mobileEmulation": {} } });
-        let mut options = options.as_object().unwrap().clone();
-        options["goog:chromeOptions"].as_object_mut().unwrap().remove("mobileEmulation");
-        let runtime = Clock::runtime(TimeMode::Real).unwrap();
-        let connected = runtime.block_on(async {
-            ClientBuilder::new(HttpConnector::new()).capabilities(options).connect(&format!("http://127.0.0.1:{port}")).await
-        });
-        match connected {
-            Ok(client) => Some(Self { runtime, client, _driver: driver, _profile: profile }),
-            Err(error) => {
-                eprintln!("SKIPPED: chromedriver cannot start a browser: {error}");
-                None
-            }
+        let wanted = json!({ "capabilities": { "alwaysMatch": { "goog:chromeOptions": { "args": arguments } } } });
+        let answer = exchange(&driver, "POST", "/session", &wanted.to_string());
+        if answer.status != 200 {
+            eprintln!("SKIPPED: chromedriver cannot start a browser: {}", answer.text());
+            return None;
         }
+        let session = format!("/session/{}", answer.json()["value"]["sessionId"].as_str().unwrap());
+        Some(Self { driver, session, _process: process, _profile: profile })
     }
 
-    fn go(&self, url: &str, (width, height): (u32, u32)) {
-        self.size((width, height));
-        self.runtime.block_on(self.client.goto(url)).unwrap();
+    #[track_caller]
+    fn say(&self, path: &str, body: &Value) -> Value {
+        let answer = exchange(&self.driver, "POST", &format!("{}{path}", self.session), &body.to_string());
+        assert_eq!(answer.status, 200, "{path}: {}", answer.text());
+        answer.json()["value"].take()
+    }
+
+    fn go(&self, url: &str, size: (u32, u32)) {
+        self.size(size);
+        self.say("/url", &json!({ "url": url }));
     }
 
     fn size(&self, (width, height): (u32, u32)) {
-        self.runtime.block_on(self.client.set_window_size(width, height)).unwrap();
+        self.say("/window/rect", &json!({ "width": width, "height": height }));
     }
 
-    fn script(&self, text: &str) -> serde_json::Value {
-        self.runtime.block_on(self.client.execute(text, Vec::new())).unwrap()
+    fn script(&self, text: &str) -> Value {
+        self.say("/execute/sync", &json!({ "script": text, "args": [] }))
     }
 
     /// The text of an element that is shown.
@@ -92,12 +93,20 @@ impl Browser {
         self.script(&script).as_str().unwrap_or_default().to_owned()
     }
 
-    fn click(&self, css: &str) {
-        self.runtime.block_on(async { self.client.find(Locator::Css(css)).await.unwrap().click().await }).unwrap();
+    #[track_caller]
+    fn element(&self, css: &str) -> String {
+        let found = self.say("/element", &json!({ "using": "css selector", "value": css }));
+        format!("/element/{}", found[ELEMENT].as_str().unwrap())
     }
 
+    #[track_caller]
+    fn click(&self, css: &str) {
+        self.say(&format!("{}/click", self.element(css)), &json!({}));
+    }
+
+    #[track_caller]
     fn keys(&self, css: &str, keys: &str) {
-        self.runtime.block_on(async { self.client.find(Locator::Css(css)).await.unwrap().send_keys(keys).await }).unwrap();
+        self.say(&format!("{}/value", self.element(css)), &json!({ "text": keys }));
     }
 
     #[track_caller]
@@ -126,7 +135,8 @@ impl Browser {
         self.size(size);
         let height = self.script("return document.documentElement.scrollHeight").as_u64().unwrap();
         self.size((size.0, u32::try_from(height).unwrap().clamp(size.1, 5000)));
-        let bytes = self.runtime.block_on(self.client.screenshot()).unwrap();
+        let answer = exchange(&self.driver, "GET", &format!("{}/screenshot", self.session), "");
+        let bytes = base64(answer.json()["value"].as_str().unwrap());
         let kind = if size == PHONE { "phone" } else { "desktop" };
         fs::write(folder.join(format!("{name}-{kind}.png")), bytes).unwrap();
         let wide = self.script("return [document.documentElement.scrollWidth, window.innerWidth]");
@@ -142,8 +152,29 @@ impl Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        let _ = self.runtime.block_on(self.client.clone().close());
+        exchange(&self.driver, "DELETE", &self.session, "");
     }
+}
+
+/// RFC 4648, without line ends.
+fn base64(text: &str) -> Vec<u8> {
+    let (mut bytes, mut bits, mut count) = (Vec::new(), 0_u32, 0);
+    for letter in text.bytes() {
+        let value = match letter {
+            b'A'..=b'Z' => letter - b'A',
+            b'a'..=b'z' => letter - b'a' + 26,
+            b'0'..=b'9' => letter - b'0' + 52,
+            b'+' => 62,
+            b'/' => 63,
+            _ => break,
+        };
+        (bits, count) = (bits << 6 | u32::from(value), count + 6);
+        if count >= 8 {
+            count -= 8;
+            bytes.push((bits >> count) as u8);
+        }
+    }
+    bytes
 }
 
 fn poll_once() {
@@ -175,7 +206,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
         assert!(browser.text("#runbody").contains(words), "{words}: {}", browser.text("#runbody"));
     }
     assert!(browser.text("#instrumentrows").contains("● ON"), "{}", browser.text("#instrumentrows"));
-    assert!(browser.text("#limits").contains("V left"), "{}", browser.text("#limits"));
+    assert!(browser.text("#limits").contains("V left to the "), "{}", browser.text("#limits"));
     browser.pictures("running");
     // The first run comes to its end, the second is stopped.
     browser.wait("#runs", "✓ finished");

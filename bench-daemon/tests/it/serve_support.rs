@@ -167,11 +167,31 @@ impl Iterator for Events {
     }
 }
 
+/// Reads to the end of the answer, where it says how long it is, or of the connection.
 fn read(mut stream: TcpStream) -> Answer {
-    let mut bytes = Vec::new();
+    let (mut bytes, mut part) = (Vec::new(), [0; 16 * 1024]);
     // A reset after the answer is an end too.
-    let _ = stream.read_to_end(&mut bytes);
+    while let Ok(read @ 1..) = stream.read(&mut part) {
+        bytes.extend(&part[..read]);
+        let known = answer(&bytes);
+        let length = known.head.split_once("content-length: ").and_then(|(_, rest)| rest.lines().next()?.trim().parse::<usize>().ok());
+        if known.status != 0 && length.is_some_and(|length| known.body.len() >= length) {
+            break;
+        }
+    }
     answer(&bytes)
+}
+
+/// One question and its answer over a connection of its own.
+pub(crate) fn exchange(address: &str, method: &str, path: &str, body: &str) -> Answer {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+    let length = body.len();
+    let head = format!(
+        "{method} {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nContent-Type: application/json\r\nContent-Length: {length}\r\n\r\n"
+    );
+    stream.write_all(format!("{head}{body}").as_bytes()).unwrap();
+    read(stream)
 }
 
 /// Takes an answer apart.

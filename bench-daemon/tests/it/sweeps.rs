@@ -104,3 +104,13 @@ fn the_controls_tell_how_far_the_bench_goes_with_and_without_correction() {
     // Beyond the sweep nothing is judged, and the spectrum of the cell ends where it ended.
     assert_eq!(finished.measured.spectrum.points.last().unwrap().freq_hz, 300.0);
 }
+
+#[test]
+fn the_bench_is_not_looked_at_beyond_what_its_supply_follows() {
+    let files =
+        swept(3, "").edit(EXPERIMENT, "corrected_tolerance = \"1 %\"", "corrected_tolerance = \"1 %\"\nbeyond = [\"1 kHz\", \"5 kHz\"]");
+    let refused = bench_daemon::config::load_experiment(&files.experiment(), None).unwrap_err().to_string();
+    let text =
+        "fixture_check.beyond: expected at most 3000 Hz, up to which the bipolar supply kepco-bop-mg follows its command, found 5000 Hz";
+    assert!(refused.contains(text), "{refused}");
+}

@@ -57,7 +57,7 @@ const BRANCHES: [(f64, f64); 4] = [
 const SLOPE_V_PER_C: f64 = 0.85 / 16_200.0;
 
 /// What the true cell answers to a current that runs straight between rows, V, less its voltage at rest.
-fn answer(rows: &[TraceRow]) -> Vec<f64> {
+pub(crate) fn answer(rows: &[TraceRow]) -> Vec<f64> {
     let (mut branches_v, mut moved_c) = ([0.0; 4], 0.0);
     let mut answers = vec![SERIES_OHM * rows[0].current_a];
     for pair in rows.windows(2) {
@@ -214,8 +214,16 @@ fn mistakes_in_traces_are_named() {
     let complaint = |files: Files| load_experiment(&files.experiment(), None).unwrap_err().to_string();
     for (from, to, expected) in [
         ("name = \"pulses\"", "name = \"a pulse\"", "traces.name: expected a name of letters, digits, `-` and `_`, found \"a pulse\""),
-        ("\"-5 A\"", "\"-25 A\"", "traces.pulses.segments: expected -20 A to 20 A, found -25 A"),
-        ("\"12 s\"", "\"100 ms\"", "traces.pulses.segments: expected 0.5 s to 86400 s, found 0.1 s"),
+        (
+            "\"-5 A\"",
+            "\"-25 A\"",
+            "traces.pulses.segments: row 1: expected -20 A to 20 A, which the bipolar supply kepco-bop-mg can drive, found -25 A",
+        ),
+        (
+            "\"12 s\"",
+            "\"100 ms\"",
+            "traces.pulses.segments: row 2: expected 0.5 s to 86400 s, which the bipolar supply step by step can play, found 0.1 s",
+        ),
         ("\"held_out\"", "\"test\"", "traces.1.role: unknown variant `test`, expected `train` or `held_out`"),
         (
             "\"3.77 V\", \"3.83 V\"",
@@ -237,7 +245,10 @@ fn mistakes_in_traces_are_named() {
         ),
         ("current_a,duration_s\n-1,2\n3;4\n", "steps.csv:3: current_a,duration_s: expected two numbers, found \"3;4\""),
         ("current_a,duration_s\n", "traces.pulses.file: expected at least one segment, found none"),
-        ("current_a,duration_s\nnan,2\n", "traces.pulses.file: expected -20 A to 20 A, found NaN A"),
+        (
+            "current_a,duration_s\nnan,2\n",
+            "traces.pulses.file: row 1: expected -20 A to 20 A, which the bipolar supply kepco-bop-mg can drive, found NaN A",
+        ),
     ] {
         let files = Files::short(2)
             .without(EXPERIMENT, "fixture_check")

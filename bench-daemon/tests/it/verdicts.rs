@@ -223,7 +223,7 @@ fn identify_prints_all_eight_instruments() {
     let bench = crate::configuration::configs().join(BENCH);
     let ended = program(&["identify".as_ref(), bench.as_os_str()]);
     ended.expect_code(0);
-    let lines: Vec<&str> = ended.stdout.lines().collect();
+    let lines: Vec<&str> = ended.stdout.lines().filter(|line| !line.starts_with(' ')).collect();
     let expected = [
         ("supply4q", "kepco-bop-mg", "KEPCO"),
         ("generator", "siglent-sdg1000x", "SDG1032X"),

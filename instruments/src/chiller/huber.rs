@@ -56,7 +56,7 @@ fn register(answer: &str) -> Option<(u8, u16)> {
 /// A command that writes a register; the answer must carry the very value, for a limited one is not what was asked for.
 fn write(address: u8, value: u16) -> Exchange {
     let tail = format!("{address:02X}{value:04X}");
-    Exchange::Ask { message: format!("{{M{tail}"), expect: Expect::Contains(format!("{{S{tail}")) }
+    Exchange::Ask { message: format!("{{M{tail}"), expect: Expect::Contains(format!("{{S{tail}")), read_back: None }
 }
 
 /// Hundredths of a degree in two's complement.

@@ -2,6 +2,7 @@
 
 mod huber;
 mod julabo;
+mod relay_board;
 
 use crate::{
     exchange::{Exchange, leading_number, play},
@@ -29,6 +30,10 @@ pub trait Dialect: Model {
     fn range(&self) -> (Celsius, Celsius);
     /// Set-point, then start; or stop.
     fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange>;
+    /// Where the daemon closes the loop: heats for so many seconds, cools for a negative number of them, lets both be for zero. The pulse ends by itself.
+    fn pulse(&self, _seconds: f64) -> Option<Vec<Exchange>> {
+        None
+    }
     /// Queries for bath temperature and status.
     fn queries(&self) -> [&'static str; 2];
     /// Reads an answer to the first of them, °C; nothing where it is no temperature.
@@ -40,7 +45,7 @@ pub trait Dialect: Model {
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&julabo::JULABO, &huber::HUBER];
+pub const DIALECTS: &[&dyn Dialect] = &[&julabo::JULABO, &huber::HUBER, &relay_board::RELAY_BOARD];
 
 /// A chiller on its link.
 pub type Chiller = Instrument<dyn Dialect>;
@@ -60,7 +65,7 @@ impl Instrument<dyn Dialect> {
         Ok(self.dialect.status(&answer))
     }
 
-    /// Sets the temperature and starts; read back, for this family ignores commands silently while in manual mode.
+    /// Sets the temperature and starts, where it has a set-point; read back, for some ignore commands silently while in manual mode.
     ///
     /// # Errors
     /// The link's; manual mode; an alarm.
@@ -71,6 +76,22 @@ impl Instrument<dyn Dialect> {
             return Err(LinkError::unexpected(self.link.name(), self.dialect.queries()[1], alarm, "no alarm"));
         }
         play(&mut self.link, &self.dialect.run(Some(setpoint))).await
+    }
+
+    /// The loop is the daemon's to close, by [`Self::pulse`].
+    pub fn is_regulated(&self) -> bool {
+        self.dialect.pulse(0.0).is_some()
+    }
+
+    /// Heats, or cools, for so long; read back.
+    ///
+    /// # Errors
+    /// The link's; a relay that does not do it; nothing is sent to a chiller that closes its loop itself.
+    pub async fn pulse(&mut self, seconds: f64) -> Result<(), LinkError> {
+        match self.dialect.pulse(seconds) {
+            Some(script) => play(&mut self.link, &script).await,
+            None => Ok(()),
+        }
     }
 
     /// Stops the chiller.

@@ -11,6 +11,9 @@ use crate::{
 /// Rigol DL3021(A); the DL3031(A) is used as far as the smaller one reaches.
 pub(super) const DL3000: Dl3000 = Dl3000;
 
+/// So far above the level its own limit of the current is set, A.
+const ILIM_MARGIN_A: f64 = 1.0;
+
 pub(super) struct Dl3000;
 
 impl Model for Dl3000 {
@@ -46,9 +49,12 @@ impl Dialect for Dl3000 {
         let mut script = vec![Exchange::word(":SOUR:FUNC:MODE FIX", ":SOUR:FUNC:MODE?", &["FIX", "FIXED"])];
         match discharge.draw {
             Draw::Current(current) => {
-                let (range, range_value) = if current.value() <= 4.0 { ("4", 4.0) } else { ("40", 40.0) };
+                // The DL3021 has the ranges 4 A and 40 A, the DL3031 6 A and 60 A: it takes the one that holds the value, and answers its own.
+                let (range, ranges) = if current.value() <= 4.0 { ("4", (5.0, 1.1)) } else { ("40", (50.0, 10.5)) };
                 script.push(Exchange::word(":SOUR:FUNC CURR", ":SOUR:FUNC?", &["CC"]));
-                script.push(Exchange::number(format!(":SOUR:CURR:RANG {range}"), ":SOUR:CURR:RANG?", range_value, 0.1));
+                script.push(Exchange::number(format!(":SOUR:CURR:RANG {range}"), ":SOUR:CURR:RANG?", ranges.0, ranges.1));
+                // Left low by an earlier user, it would hold the discharge back.
+                script.push(Exchange::fixed(":SOUR:CURR:ILIM", current.value() + ILIM_MARGIN_A, (3, 5.0e-3)));
             }
             Draw::Power(_) => script.push(Exchange::word(":SOUR:FUNC POW", ":SOUR:FUNC?", &["CP"])),
         }

@@ -1,6 +1,7 @@
 //! The temperature logger: thermocouples on the cell and in the air.
 
 mod keysight_34970a;
+mod siglent_sdm;
 
 use crate::{
     exchange::{Exchange, forget_errors, play},
@@ -12,6 +13,10 @@ use crate::{
 
 /// One model's language.
 pub trait Dialect: Model {
+    /// Whether there is such a channel; one that takes any number has a card whose slots are not known from here.
+    fn has_channel(&self, _channel: u16) -> bool {
+        true
+    }
     /// Type K thermocouples in °C on these channels, scanned together.
     fn configure(&self, channels: &[u16]) -> Vec<Exchange>;
     /// Query for one scan.
@@ -19,7 +24,7 @@ pub trait Dialect: Model {
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&keysight_34970a::LOGGER_34970A];
+pub const DIALECTS: &[&dyn Dialect] = &[&keysight_34970a::LOGGER_34970A, &siglent_sdm::SDM];
 
 /// A logger on its link.
 pub type Logger = Instrument<dyn Dialect>;

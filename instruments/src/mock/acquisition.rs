@@ -57,6 +57,9 @@ pub(super) struct Acquisition<P> {
     count: u64,
     /// Number of the frame that was told of.
     reported: u64,
+    stop_delay_s: f64,
+    /// Told to stop, and will at this time, s.
+    stops_s: Option<f64>,
 }
 
 /// One capture: when, and with which settings.
@@ -69,13 +72,25 @@ pub(super) struct Frame<P> {
 }
 
 impl<P: Copy> Acquisition<P> {
-    pub(super) fn power_on() -> Self {
-        Self { mode: Mode::Auto, running: true, since_s: 0.0, searched_s: 0.0, forced_s: None, frame: None, count: 0, reported: 0 }
+    /// As after power-on; it goes on for `stop_delay_s` after it was told to stop.
+    pub(super) fn power_on(stop_delay_s: f64) -> Self {
+        Self {
+            mode: Mode::Auto,
+            running: true,
+            since_s: 0.0,
+            searched_s: 0.0,
+            forced_s: None,
+            frame: None,
+            count: 0,
+            reported: 0,
+            stop_delay_s,
+            stops_s: None,
+        }
     }
 
     /// As after power-on, but numbers go on: no two frames of one run share the noise.
     pub(super) fn reset(&mut self, now_s: f64) {
-        *self = Self { count: self.count, reported: self.count, ..Self::power_on() };
+        *self = Self { count: self.count, reported: self.count, ..Self::power_on(self.stop_delay_s) };
         self.restart(now_s);
     }
 
@@ -90,16 +105,26 @@ impl<P: Copy> Acquisition<P> {
     }
 
     pub(super) fn run(&mut self, now_s: f64) {
+        self.stops_s = None;
         self.running = true;
         self.restart(now_s);
     }
 
-    pub(super) fn stop(&mut self) {
-        self.running = false;
+    pub(super) fn stop(&mut self, now_s: f64) {
+        self.stops_s = Some(now_s + self.stop_delay_s);
+        self.stop_in_time(now_s);
+    }
+
+    fn stop_in_time(&mut self, now_s: f64) {
+        if self.stops_s.is_some_and(|stops_s| stops_s <= now_s) {
+            self.running = false;
+            self.stops_s = None;
+        }
     }
 
     pub(super) fn set_mode(&mut self, mode: Mode, now_s: f64) {
         self.mode = mode;
+        self.stops_s = None;
         // Single arms at once; the other modes take effect when it runs.
         if mode == Mode::Single {
             self.running = true;
@@ -126,6 +151,7 @@ impl<P: Copy> Acquisition<P> {
 
     /// Catches up with what has happened since the last message.
     pub(super) fn refresh(&mut self, world: &World, panel: P, view: &View) {
+        self.stop_in_time(world.now_s);
         if !self.running {
             return;
         }

@@ -1,7 +1,8 @@
 //! Rigol DL3021 electronic load. The function is set as `CURR` and answered as `CC`; an error queue; two line ends behind a measurement.
 //!
 //! Only constant current and constant power draw from the cell; the other functions and regulation modes can be chosen and read back, but draw nothing. `[:SOURce]` is
-//! optional. Assumed: out-of-range values are refused with −222; below `VON` the input sinks nothing, whatever the function.
+//! optional. Assumed: out-of-range values are refused with −222; below `VON`, the "starting voltage", the input sinks nothing, whatever the function and
+//! also when it has already begun; `ILIM` bounds the current and does not switch off; both limits stand at their ends when it is switched on.
 
 use scpi::{
     Branch, Leaf, Root,
@@ -22,6 +23,8 @@ const FUNCTIONS: [(&str, &str); 4] = [("CURRent", "CC"), ("VOLTage", "CV"), ("RE
 const MODES: [&str; 6] = ["FIXed", "LIST", "WAVe", "BATTery", "OCP", "OPP"];
 const MAX_AMPS: f64 = 40.0;
 const MAX_VOLTS: f64 = 150.0;
+/// As an owner of a smaller and of a larger one found it: beyond the rating.
+const MAX_AMPS_LIMIT: f64 = 70.0;
 
 #[derive(Debug, Clone, Copy)]
 struct Settings {
@@ -55,7 +58,7 @@ impl Default for Settings {
             slew: 0.5,
             start_volts: 0.0,
             volts_limit: 155.0,
-            amps_limit: 42.0,
+            amps_limit: MAX_AMPS_LIMIT,
             input_on: false,
             sense: false,
         }
@@ -68,12 +71,14 @@ pub(super) struct Dl3000 {
     status: Status,
     serial_number: String,
     settings: Settings,
+    measured_end: bool,
 }
 
 impl Dl3000 {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
-        let (status, serial_number) = (Status::new(QUEUE_DEPTH), options.serial_number.clone());
-        let load = Self { world: World::new(plant, options.since_s), status, serial_number, settings: Settings::default() };
+        let (status, serial_number) = (Status::new(QUEUE_DEPTH).quirky(&options.quirks), options.serial_number.clone());
+        let measured_end = options.quirks.is("measured_end");
+        let load = Self { world: World::new(plant, options.since_s), status, serial_number, settings: Settings::default(), measured_end };
         load.act();
         load
     }
@@ -83,7 +88,7 @@ impl Dl3000 {
         let draws = settings.function == 0 && settings.mode == 0;
         self.world.act(Action::Load(LoadState {
             input_on: settings.input_on,
-            current_a: if draws { settings.amps } else { 0.0 },
+            current_a: if draws { settings.amps.min(settings.amps_limit) } else { 0.0 },
             power_w: (settings.function == 3 && settings.mode == 0).then_some(settings.watts),
             min_voltage_v: settings.start_volts,
         }));
@@ -91,10 +96,7 @@ impl Dl3000 {
 
     fn set_number(&mut self, arguments: &mut Arguments, (unit, max): (&str, f64), field: fn(&mut Settings) -> &mut f64) -> Fallible {
         let value = arguments.number_in(unit, Span { min: 0.0, max, default: 0.0 })?;
-        if !(0.0..=max).contains(&value) {
-            return fail(ErrorCode::DataOutOfRange);
-        }
-        *field(&mut self.settings) = value;
+        *field(&mut self.settings) = self.status.bounded(value, (0.0, max))?;
         self.act();
         Ok(())
     }
@@ -196,8 +198,11 @@ const CURRENT: Node<'static, Dl3000> = Branch! {b"CURRent";
     range!("A", 4.0, MAX_AMPS, current_range),
     Leaf! {b"SLEW" => number!("A", 5.0, slew)},
     Leaf! {b"VON" => number!("V", MAX_VOLTS, start_volts)},
-    Leaf! {b"VLIMt" => number!("V", 155.0, volts_limit)},
-    Leaf! {b"ILIMt" => number!("A", 42.0, amps_limit)}
+    Leaf! {b"VLIMt" => &both(
+        |load: &mut Dl3000, arguments| load.set_number(arguments, ("V", 155.0), |settings| &mut settings.volts_limit),
+        |load, _| text(format!("{:.3}", load.settings.volts_limit)),
+    )},
+    Leaf! {b"ILIMt" => number!("A", MAX_AMPS_LIMIT, amps_limit)}
 };
 const VOLTAGE: Node<'static, Dl3000> =
     Branch! {b"VOLTage"; level!(number!("V", MAX_VOLTS, volts)), range!("V", 15.0, MAX_VOLTS, voltage_range)};
@@ -251,7 +256,7 @@ impl Device for Dl3000 {
         self.world.now_s = now_s;
         let mut reply = exchange(&TREE, self, message);
         let measured = message.windows(4).any(|word| word.eq_ignore_ascii_case(b"MEAS"));
-        if measured && !reply.is_empty() {
+        if measured && self.measured_end && !reply.is_empty() {
             reply.push(b'\n');
         }
         reply

@@ -10,12 +10,12 @@ use scpi::{
 };
 
 use super::{
-    Device, MockOptions,
+    MockOptions,
+    machine::scpi_device,
     plant::{Action, Meter, SharedPlant, SupplyState},
-    tree::{Answer, Arguments, Fallible, HasStatus, Span, Status, both, common, exchange, fail, get, set, text},
+    tree::{Answer, Arguments, Fallible, Span, Status, both, common, get, set, text},
     world::World,
 };
-use crate::scpi::decode::Terminator;
 
 const QUEUE_DEPTH: usize = 20;
 const CHANNELS: usize = 3;
@@ -67,7 +67,7 @@ impl Dp832 {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let supply = Self {
             world: World::new(plant, options.since_s),
-            status: Status::new(QUEUE_DEPTH),
+            status: Status::new(QUEUE_DEPTH).quirky(&options.quirks),
             serial_number: options.serial_number.clone(),
             channels: std::array::from_fn(Channel::new),
             selected: 0,
@@ -89,19 +89,19 @@ impl Dp832 {
         NAMES.iter().position(|known| *known == name).ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue))
     }
 
-    fn number(arguments: &mut Arguments, unit: &str, max: f64) -> Fallible<f64> {
+    fn number(&self, arguments: &mut Arguments, unit: &str, max: f64) -> Fallible<f64> {
         let value = arguments.number_in(unit, Span { min: 0.0, max, default: 0.0 })?;
-        if (0.0..=max).contains(&value) { Ok(value) } else { fail(ErrorCode::DataOutOfRange) }
+        self.status.bounded(value, (0.0, max))
     }
 
     fn set_volts(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        self.channels[index].state.voltage_v = Self::number(arguments, "V", MAX_VOLTS[index])?;
+        self.channels[index].state.voltage_v = self.number(arguments, "V", MAX_VOLTS[index])?;
         self.act();
         Ok(())
     }
 
     fn set_amps(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        self.channels[index].state.current_a = Self::number(arguments, "A", MAX_AMPS[index])?;
+        self.channels[index].state.current_a = self.number(arguments, "A", MAX_AMPS[index])?;
         self.act();
         Ok(())
     }
@@ -155,7 +155,7 @@ impl Dp832 {
         (unit, max, of): (&str, [f64; CHANNELS], fn(&mut Channel) -> &mut Protection),
     ) -> Fallible {
         let index = self.channel(arguments)?;
-        of(&mut self.channels[index]).level = Self::number(arguments, unit, max[index])?;
+        of(&mut self.channels[index]).level = self.number(arguments, unit, max[index])?;
         Ok(())
     }
 
@@ -294,26 +294,4 @@ const TREE: Node<'static, Dp832> = Root! {
     }
 };
 
-impl HasStatus for Dp832 {
-    fn status(&mut self) -> &mut Status {
-        &mut self.status
-    }
-}
-
-impl scpi::Device for Dp832 {
-    fn handle_error(&mut self, error: Error) {
-        self.status.push(error);
-    }
-}
-
-impl Device for Dp832 {
-    fn terminator(&self) -> Terminator {
-        Terminator::Lf
-    }
-
-    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        self.world.now_s = now_s;
-        self.protect();
-        exchange(&TREE, self, message)
-    }
-}
+scpi_device!(Dp832, TREE, before protect);

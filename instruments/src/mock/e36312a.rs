@@ -10,13 +10,13 @@ use scpi::{
 };
 
 use super::{
-    Device, MockOptions,
+    MockOptions,
+    machine::scpi_device,
     number::signed_nr3,
     plant::{Action, Meter, SharedPlant, SupplyState},
-    tree::{Answer, Arguments, Fallible, HasStatus, Span, Status, both, common, exchange, fail, get, set, text},
+    tree::{Answer, Arguments, Fallible, Span, Status, both, common, get, set, text},
     world::World,
 };
-use crate::scpi::decode::Terminator;
 
 const QUEUE_DEPTH: usize = 20;
 const CHANNELS: usize = 3;
@@ -63,7 +63,7 @@ impl Keysight {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let supply = Self {
             world: World::new(plant, options.since_s),
-            status: Status::new(QUEUE_DEPTH),
+            status: Status::new(QUEUE_DEPTH).quirky(&options.quirks),
             serial_number: options.serial_number.clone(),
             channels: std::array::from_fn(Channel::new),
             selected: 0,
@@ -96,10 +96,7 @@ impl Keysight {
         let value = arguments.number_in(unit, Span { min: 0.0, max: f64::INFINITY, default: 0.0 })?;
         for index in self.list(arguments)? {
             let value = if value == f64::INFINITY { max[index] } else { value };
-            if !(0.0..=max[index]).contains(&value) {
-                return fail(ErrorCode::DataOutOfRange);
-            }
-            *field(&mut self.channels[index]) = value;
+            *field(&mut self.channels[index]) = self.status.bounded(value, (0.0, max[index]))?;
         }
         self.act();
         Ok(())
@@ -267,26 +264,4 @@ const TREE: Node<'static, Keysight> = Root! {
     }
 };
 
-impl HasStatus for Keysight {
-    fn status(&mut self) -> &mut Status {
-        &mut self.status
-    }
-}
-
-impl scpi::Device for Keysight {
-    fn handle_error(&mut self, error: Error) {
-        self.status.push(error);
-    }
-}
-
-impl Device for Keysight {
-    fn terminator(&self) -> Terminator {
-        Terminator::Lf
-    }
-
-    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        self.world.now_s = now_s;
-        self.protect();
-        exchange(&TREE, self, message)
-    }
-}
+scpi_device!(Keysight, TREE, before protect);

@@ -6,7 +6,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::{Device, MODELS, MockOptions, UnknownModel, make, plant::SharedPlant};
+use super::{Device, MakeError, MockOptions, make, model, plant::SharedPlant};
 use crate::scpi::decode::Terminator;
 
 /// What can go wrong with one message.
@@ -117,17 +117,16 @@ struct Troubled {
 /// Makes a simulated instrument on which things go wrong as scheduled.
 ///
 /// # Errors
-/// [`UnknownModel`] when no model has this key.
+/// As [`make`].
 pub fn make_troubled(
-    model: &str,
+    key: &str,
     (plant, options): (SharedPlant, &MockOptions),
     schedule: &Schedule,
     log: &FaultLog,
-) -> Result<Box<dyn Device>, UnknownModel> {
-    let device = make(model, plant.clone(), options)?;
-    let Some(known) = MODELS.iter().find(|known| known.key == model) else { return Ok(device) };
+) -> Result<Box<dyn Device>, MakeError> {
+    let (device, known) = (make(key, plant.clone(), options)?, model(key)?);
     // Each model's own sequence.
-    let random = model.bytes().fold(schedule.seed ^ 0x9e37_79b9_7f4a_7c15, |state, byte| mix(state ^ u64::from(byte)));
+    let random = key.bytes().fold(schedule.seed ^ 0x9e37_79b9_7f4a_7c15, |state, byte| mix(state ^ u64::from(byte)));
     Ok(Box::new(Troubled {
         device,
         plant,
@@ -179,6 +178,22 @@ impl Device for Troubled {
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
         self.device.handle(now_s, message)
+    }
+
+    fn connected(&mut self, now_s: f64) {
+        self.device.connected(now_s);
+    }
+
+    fn late_s(&self, now_s: f64) -> f64 {
+        self.device.late_s(now_s)
+    }
+
+    fn end_late_s(&self) -> f64 {
+        self.device.end_late_s()
+    }
+
+    fn refuses_second(&self) -> bool {
+        self.device.refuses_second()
     }
 
     fn trouble(&mut self, now_s: f64, message: &[u8]) -> Option<Trouble> {

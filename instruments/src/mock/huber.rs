@@ -7,6 +7,7 @@
 use super::{
     Device, MockOptions,
     plant::{Action, ChillerState, Meter, SharedPlant},
+    quirks::Quirks,
     world::World,
 };
 use crate::scpi::decode::Terminator;
@@ -24,11 +25,18 @@ pub(super) struct Huber {
     controlling: bool,
     /// Nothing was written since it was switched on.
     restarted: bool,
+    quirks: Quirks,
 }
 
 impl Huber {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
-        let huber = Self { world: World::new(plant, options.since_s), setpoint: 2500, controlling: false, restarted: true };
+        let huber = Self {
+            world: World::new(plant, options.since_s),
+            setpoint: 2500,
+            controlling: false,
+            restarted: true,
+            quirks: options.quirks.clone(),
+        };
         huber.act();
         huber
     }
@@ -56,6 +64,8 @@ impl Huber {
     fn read(&self, address: u8) -> u16 {
         match address {
             0x00 => self.setpoint.cast_unsigned(),
+            0x01 if self.quirks.word("bath_sensor") == "absent" => (-15_100_i16).cast_unsigned(),
+            0x01 if self.quirks.word("bath_sensor") == "unknown" => NOT_AVAILABLE,
             0x01 => hundredths(self.world.read(Meter::BathCelsius)),
             // No process sensor.
             0x07 => (-15_100_i16).cast_unsigned(),

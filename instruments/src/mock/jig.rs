@@ -9,12 +9,12 @@ use scpi::{
 };
 
 use super::{
-    Device, MockOptions,
+    MockOptions,
+    machine::scpi_device,
     plant::{Fixture, SharedPlant},
-    tree::{Answer, Arguments, Fallible, HasStatus, Status, both, common, exchange, get, set, text},
+    tree::{Answer, Arguments, Fallible, Status, both, common, get, set, text},
     world::World,
 };
-use crate::scpi::decode::Terminator;
 
 const QUEUE_DEPTH: usize = 10;
 
@@ -76,25 +76,4 @@ const TREE: Node<'static, Jig> = Root! {
     Branch! {b"SYSTem"; Branch! {b"ERRor" => &get(common::error_query); Leaf! {b"NEXT" => &get(common::error_query)}}}
 };
 
-impl HasStatus for Jig {
-    fn status(&mut self) -> &mut Status {
-        &mut self.status
-    }
-}
-
-impl scpi::Device for Jig {
-    fn handle_error(&mut self, error: Error) {
-        self.status.push(Error::custom(error.get_code(), error.get_message()));
-    }
-}
-
-impl Device for Jig {
-    fn terminator(&self) -> Terminator {
-        Terminator::Lf
-    }
-
-    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        self.world.now_s = now_s;
-        exchange(&TREE, self, message)
-    }
-}
+scpi_device!(Jig, TREE, coded);

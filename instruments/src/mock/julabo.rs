@@ -1,7 +1,7 @@
 //! Julabo circulator on its serial line: not SCPI. A command ends with CR, an answer with CR LF, a write has no answer at all.
 //!
 //! In local (manual) mode `OUT_` commands are ignored without a word; whether the unit is in remote mode is chosen at its panel, here with
-//! [`MockOptions::local`]. `STATUS` reports the mode, or what was wrong with the last command, as a negative number. Assumed: that message goes
+//! the quirk `local`. `STATUS` reports the mode, or what was wrong with the last command, as a negative number. Assumed: that message goes
 //! with the next command that is in order; the working range is that of a CF31.
 
 use super::{
@@ -39,8 +39,8 @@ impl Julabo {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let julabo = Self {
             world: World::new(plant, options.since_s),
-            remote: !options.local,
-            strict_pacing: options.strict_pacing,
+            remote: !options.quirks.is("local"),
+            strict_pacing: options.quirks.is("strict_pacing"),
             state: ChillerState { running: false, setpoint_c: 25.0 },
             external: false,
             message: None,

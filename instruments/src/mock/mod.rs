@@ -6,23 +6,29 @@
 
 mod faults;
 pub mod plant;
+pub mod quirks;
 
 mod acquisition;
 mod dho;
 mod dl3000;
 mod dp832;
 mod e36312a;
+mod fast_ps;
 mod generator_33500b;
 mod huber;
 mod jig;
 mod julabo;
 mod kepco;
+mod machine;
+mod manners;
 mod number;
+mod relay_board;
 mod replay;
 mod scanner;
 mod scope;
 mod sdg;
 mod sdl;
+mod sdm;
 mod serve;
 mod spd;
 mod tree;
@@ -30,6 +36,7 @@ mod world;
 
 pub use faults::{Fault, FaultLog, Happened, Schedule, Trouble, make_troubled};
 use plant::SharedPlant;
+use quirks::{Quirk, QuirkError, Quirks, Value};
 pub use replay::{Divergence, Outcome, Replay};
 pub use serve::{
     Vxi11Ports, serve, serve_gpib, serve_gpib_pty, serve_hislip, serve_memory, serve_pty, serve_tcp, serve_usbtmc, serve_vxi11,
@@ -51,47 +58,47 @@ pub trait Device: Send {
         None
     }
 
+    /// A client has come.
+    fn connected(&mut self, _now_s: f64) {}
+
     /// How late the answer to a message of `now_s` is, s.
     fn late_s(&self, now_s: f64) -> f64 {
         let _ = now_s;
         0.0
     }
+
+    /// How much later the last byte of an answer comes than the others, s.
+    fn end_late_s(&self) -> f64 {
+        0.0
+    }
+
+    /// A second client is refused while a first one is served; else it waits.
+    fn refuses_second(&self) -> bool {
+        false
+    }
 }
 
-/// What a mock can be told about itself. What does not apply to a model is ignored by it.
+/// What a mock can be told about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MockOptions {
     /// Serial number in the identity (`34970A` has none, `julabo` no identity).
     pub serial_number: String,
-    /// Every message is sent back, followed by CR LF, before it is answered: a telnet port or a serial line with echo.
-    pub echo: bool,
-    /// `kepco-bop-linear`: the analog input is wired up and commands the output whenever that is on.
-    pub analog_wired: bool,
-    /// `kepco-bop-mg`: with its output off it holds its terminals at zero volts, which shorts a cell, until it is told otherwise; else it was left
-    /// with `BATTERY` stored, as on a bench for cells.
-    pub off_active: bool,
-    /// `siglent-sds800x-hd`: points in one page of a waveform, at least 1.
-    pub page_points: usize,
-    /// `julabo`: left in manual mode at its panel, so that it obeys no command.
-    pub local: bool,
-    /// `julabo`: a command that comes too soon after a write is lost.
-    pub strict_pacing: bool,
+    /// In which ways it differs from the usual one; each model has its own ([`Model::quirks`]).
+    pub quirks: Quirks,
     /// Bench time at which it is switched on, s.
     pub since_s: f64,
 }
 
+impl MockOptions {
+    /// The usual one but for one quirk.
+    pub fn quirk(name: &str, value: impl Into<Value>) -> Self {
+        Self { quirks: Quirks::default().with(name, value), ..Self::default() }
+    }
+}
+
 impl Default for MockOptions {
     fn default() -> Self {
-        Self {
-            serial_number: "SIM00001".to_owned(),
-            echo: false,
-            analog_wired: true,
-            off_active: false,
-            page_points: 10_000_000,
-            local: false,
-            strict_pacing: false,
-            since_s: 0.0,
-        }
+        Self { serial_number: "SIM00001".to_owned(), quirks: Quirks::default(), since_s: 0.0 }
     }
 }
 
@@ -105,8 +112,17 @@ pub struct Model {
     pub description: &'static str,
     /// What its protection or a hand at its panel would do to its output, as a message.
     pub panel_off: Option<&'static str>,
+    /// What it can be told to do differently, beside what all can.
+    pub own_quirks: &'static [&'static [Quirk]],
     /// Makes one, in the state in which it is switched on.
     pub make: fn(SharedPlant, &MockOptions) -> Box<dyn Device>,
+}
+
+impl Model {
+    /// Every switch that it has.
+    pub fn quirks(&self) -> impl Iterator<Item = &'static Quirk> + use<> {
+        std::iter::once(quirks::COMMON).chain(self.own_quirks.iter().copied()).flatten()
+    }
 }
 
 /// Every model that can be simulated.
@@ -116,6 +132,7 @@ pub const MODELS: &[Model] = &[
         role: "supply4q",
         description: "Kepco BOP 1KW 50-20MG: ±50 V ±20 A, analog input selected by command",
         panel_off: Some("OUTP OFF"),
+        own_quirks: &[quirks::KEPCO_MG, quirks::QUEUE, quirks::REFUSES],
         make: |plant, options| Box::new(kepco::Kepco::new(kepco::Family::Switching, plant, options)),
     },
     Model {
@@ -123,13 +140,25 @@ pub const MODELS: &[Model] = &[
         role: "supply4q",
         description: "Kepco BOP 20-20 with BIT card: ±20 V ±20 A, analog input by wiring",
         panel_off: Some("OUTP OFF"),
-        make: |plant, options| Box::new(kepco::Kepco::new(kepco::Family::Linear { analog_wired: options.analog_wired }, plant, options)),
+        own_quirks: &[quirks::KEPCO_LINEAR, quirks::QUEUE, quirks::REFUSES],
+        make: |plant, options| {
+            Box::new(kepco::Kepco::new(kepco::Family::Linear { analog_wired: options.quirks.is("analog_wired") }, plant, options))
+        },
+    },
+    Model {
+        key: "caenels-fast-ps",
+        role: "supply4q",
+        description: "CAENels FAST-PS 2020-400: ±20 V ±20 A, analog input selected by command",
+        panel_off: Some("MOFF"),
+        own_quirks: &[quirks::FAST_PS],
+        make: |plant, options| Box::new(fast_ps::FastPs::new(plant, options)),
     },
     Model {
         key: "siglent-sdg1000x",
         role: "generator",
         description: "Siglent SDG1032X: sine and offset on channel 1",
         panel_off: Some("C1:OUTP OFF"),
+        own_quirks: &[],
         make: |plant, options| Box::new(sdg::Sdg::new(plant, options)),
     },
     Model {
@@ -137,6 +166,7 @@ pub const MODELS: &[Model] = &[
         role: "scope",
         description: "Siglent SDS824X HD: four channels, 12 bits",
         panel_off: None,
+        own_quirks: &[quirks::SDS, quirks::DOUBLE_BLOCKS, quirks::QUEUE],
         make: |plant, options| Box::new(scope::Scope::new(plant, options)),
     },
     Model {
@@ -144,6 +174,7 @@ pub const MODELS: &[Model] = &[
         role: "scope",
         description: "Rigol DHO824: four channels, 12 bits",
         panel_off: None,
+        own_quirks: &[quirks::DHO, quirks::BLOCKS],
         make: |plant, options| Box::new(dho::Dho::new(plant, options)),
     },
     Model {
@@ -151,6 +182,7 @@ pub const MODELS: &[Model] = &[
         role: "load",
         description: "Siglent SDL1020X-E: constant current to 30 A",
         panel_off: Some(":INP OFF"),
+        own_quirks: &[],
         make: |plant, options| Box::new(sdl::Sdl::new(plant, options)),
     },
     Model {
@@ -158,6 +190,7 @@ pub const MODELS: &[Model] = &[
         role: "supply",
         description: "Siglent SPD3303X: 32 V 3.2 A on channel 1",
         panel_off: Some("OUTP CH1,OFF"),
+        own_quirks: &[quirks::QUEUE, quirks::CLAMPS],
         make: |plant, options| Box::new(spd::Spd::new(plant, options)),
     },
     Model {
@@ -165,6 +198,7 @@ pub const MODELS: &[Model] = &[
         role: "generator",
         description: "Keysight 33522B: sine and offset on channel 1",
         panel_off: Some("OUTP1 OFF"),
+        own_quirks: &[],
         make: |plant, options| Box::new(generator_33500b::Keysight::new(plant, options)),
     },
     Model {
@@ -172,6 +206,7 @@ pub const MODELS: &[Model] = &[
         role: "supply",
         description: "Keysight E36312A: 6 V 5 A on channel 1",
         panel_off: Some("OUTP OFF,(@1)"),
+        own_quirks: &[quirks::QUEUE, quirks::REFUSES],
         make: |plant, options| Box::new(e36312a::Keysight::new(plant, options)),
     },
     Model {
@@ -179,6 +214,7 @@ pub const MODELS: &[Model] = &[
         role: "supply",
         description: "Rigol DP832: 30 V 3 A on channel 1",
         panel_off: Some(":OUTP CH1,OFF"),
+        own_quirks: &[quirks::QUEUE, quirks::REFUSES],
         make: |plant, options| Box::new(dp832::Dp832::new(plant, options)),
     },
     Model {
@@ -186,6 +222,7 @@ pub const MODELS: &[Model] = &[
         role: "load",
         description: "Rigol DL3021: constant current to 40 A",
         panel_off: Some(":INP OFF"),
+        own_quirks: &[quirks::DL3000, quirks::QUEUE, quirks::REFUSES],
         make: |plant, options| Box::new(dl3000::Dl3000::new(plant, options)),
     },
     Model {
@@ -193,6 +230,7 @@ pub const MODELS: &[Model] = &[
         role: "chiller",
         description: "Huber Pilot ONE circulator, PB commands",
         panel_off: Some("{M140000"),
+        own_quirks: &[quirks::HUBER],
         make: |plant, options| Box::new(huber::Huber::new(plant, options)),
     },
     Model {
@@ -200,13 +238,31 @@ pub const MODELS: &[Model] = &[
         role: "chiller",
         description: "Julabo CF31 circulator, serial",
         panel_off: Some("OUT_MODE_05 0"),
+        own_quirks: &[quirks::JULABO],
         make: |plant, options| Box::new(julabo::Julabo::new(plant, options)),
+    },
+    Model {
+        key: "relay-thermostat",
+        role: "chiller",
+        description: "a bath with a DS18B20, a heater and a cooler on relays, on one serial board",
+        panel_off: Some("OFF"),
+        own_quirks: &[quirks::RELAYS],
+        make: |plant, options| Box::new(relay_board::RelayBoard::new(plant, options)),
+    },
+    Model {
+        key: "siglent-sdm3065x",
+        role: "logger",
+        description: "Siglent SDM3065X: one thermocouple on the cell",
+        panel_off: None,
+        own_quirks: &[quirks::SDM, quirks::QUEUE],
+        make: |plant, options| Box::new(sdm::Sdm::new(plant, options)),
     },
     Model {
         key: "keysight-34970a",
         role: "logger",
         description: "Keysight 34970A: thermocouples on 101 (cell), 102 (ambient), 103 (bath)",
         panel_off: None,
+        own_quirks: &[quirks::SCANNER, quirks::BLOCKS, quirks::QUEUE],
         make: |plant, options| Box::new(scanner::Scanner::new(plant, options)),
     },
     Model {
@@ -214,71 +270,53 @@ pub const MODELS: &[Model] = &[
         role: "jig",
         description: "the hands that clamp another fixture into the jig",
         panel_off: None,
+        own_quirks: &[],
         make: |plant, options| Box::new(jig::Jig::new(plant, options)),
     },
 ];
 
-/// A model key that is not in [`MODELS`].
+/// What stands in the way of making a mock.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("expected a model that can be simulated ({}), found `{found}`", known_models())]
-pub struct UnknownModel {
-    /// The key asked for.
-    pub found: String,
+pub enum MakeError {
+    /// A model key that is not in [`MODELS`].
+    #[error("expected a model that can be simulated ({}), found `{found}`", known_models())]
+    Unknown {
+        /// The key asked for.
+        found: String,
+    },
+    /// A quirk that the model does not have, or not so.
+    #[error(transparent)]
+    Quirk(#[from] QuirkError),
 }
 
 fn known_models() -> String {
     MODELS.iter().map(|model| model.key).collect::<Vec<_>>().join(", ")
 }
 
+/// The model of this key.
+///
+/// # Errors
+/// [`MakeError::Unknown`].
+pub fn model(key: &str) -> Result<&'static Model, MakeError> {
+    MODELS.iter().find(|candidate| candidate.key == key).ok_or_else(|| MakeError::Unknown { found: key.to_owned() })
+}
+
+/// What quirks a model has when it is told some of them, the others as usual.
+///
+/// # Errors
+/// One that it does not have, or not so.
+pub fn check_quirks(key: &str, told: &Quirks) -> Result<Quirks, MakeError> {
+    let known: Vec<&'static [Quirk]> = std::iter::once(quirks::COMMON).chain(model(key)?.own_quirks.iter().copied()).collect();
+    Ok(Quirks::of(&known, told)?)
+}
+
 /// Makes one simulated instrument and connects it to the world, which learns the state at switch-on as of bench time zero: all instruments of a
 /// bench are made before the first of them is served.
 ///
 /// # Errors
-/// [`UnknownModel`] when no model has this key.
-pub fn make(model: &str, plant: SharedPlant, options: &MockOptions) -> Result<Box<dyn Device>, UnknownModel> {
-    let found = MODELS.iter().find(|candidate| candidate.key == model);
-    let device = found.map(|found| (found.make)(plant.clone(), options)).ok_or_else(|| UnknownModel { found: model.to_owned() })?;
-    let device: Box<dyn Device> = Box::new(Late { device, plant });
-    Ok(if options.echo { Box::new(Echo(device)) } else { device })
-}
-
-/// Answers as late as the world has it.
-struct Late {
-    device: Box<dyn Device>,
-    plant: SharedPlant,
-}
-
-impl Device for Late {
-    fn terminator(&self) -> Terminator {
-        self.device.terminator()
-    }
-
-    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        self.device.handle(now_s, message)
-    }
-
-    fn late_s(&self, now_s: f64) -> f64 {
-        self.plant.lock().unwrap_or_else(std::sync::PoisonError::into_inner).late_s(now_s)
-    }
-}
-
-/// Sends every message back before the answer.
-struct Echo(Box<dyn Device>);
-
-impl Device for Echo {
-    fn terminator(&self) -> Terminator {
-        self.0.terminator()
-    }
-
-    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        [message, b"\r\n", &self.0.handle(now_s, message)].concat()
-    }
-
-    fn trouble(&mut self, now_s: f64, message: &[u8]) -> Option<Trouble> {
-        self.0.trouble(now_s, message)
-    }
-
-    fn late_s(&self, now_s: f64) -> f64 {
-        self.0.late_s(now_s)
-    }
+/// When no model has this key, or it does not have one of the quirks.
+pub fn make(key: &str, plant: SharedPlant, options: &MockOptions) -> Result<Box<dyn Device>, MakeError> {
+    let options = MockOptions { quirks: check_quirks(key, &options.quirks)?, ..options.clone() };
+    let device = (model(key)?.make)(plant.clone(), &options);
+    Ok(Box::new(manners::Mannered::new(device, plant, options.quirks)))
 }

@@ -85,6 +85,8 @@ pub enum Action {
     Supply(SupplyState),
     /// The chiller.
     Chiller(ChillerState),
+    /// Heater and cooler of a bath whose loop is closed elsewhere.
+    Bath(BathState),
 }
 
 /// A sine plus an offset; all zero when the output is off.
@@ -151,6 +153,15 @@ pub struct ChillerState {
     pub running: bool,
     /// Set-point, °C.
     pub setpoint_c: f64,
+}
+
+/// Heater and cooler of a bath without a set-point.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct BathState {
+    /// 1: the heater is on, −1: the cooler, 0: neither.
+    pub power: f64,
+    /// It drops by itself at this bench time, s.
+    pub until_s: f64,
 }
 
 /// A meter somewhere on the bench.

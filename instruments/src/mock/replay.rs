@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::Device;
 use crate::{
-    scpi::decode::Terminator,
+    scpi::{decode::Terminator, excerpt},
     transcript::{Direction, Payload, Record, Transcript},
 };
 
@@ -58,8 +58,24 @@ impl Outcome {
 /// A message of the record and the whole reply to it; no reply where it cannot be given.
 #[derive(Debug, Clone)]
 struct Turn {
-    sent: String,
+    sent: Payload,
     reply: Option<Vec<u8>>,
+}
+
+impl Turn {
+    fn is(&self, message: &[u8]) -> bool {
+        match &self.sent {
+            Payload::Text(text) => text.as_bytes() == message,
+            Payload::Block(block) => message.strip_prefix(block.prefix.as_bytes()).is_some_and(|data| block.describes(data)),
+        }
+    }
+
+    fn text(&self) -> String {
+        match &self.sent {
+            Payload::Text(text) => text.clone(),
+            Payload::Block(block) => format!("{}… {} bytes", block.prefix, block.len),
+        }
+    }
 }
 
 /// A recorded conversation.
@@ -75,13 +91,13 @@ impl Replay {
         let mut turns: Vec<Turn> = Vec::new();
         for Record { direction, payload, .. } in transcript.records.iter().filter(|record| record.link == link) {
             match (direction, payload) {
-                (Direction::Sent, Payload::Text(text)) => turns.push(Turn { sent: text.clone(), reply: Some(Vec::new()) }),
+                (Direction::Sent, sent) => turns.push(Turn { sent: sent.clone(), reply: Some(Vec::new()) }),
                 (Direction::Received | Direction::Unsolicited, payload) => {
                     if let Some(turn) = turns.last_mut() {
                         turn.reply = turn.reply.take().zip(bytes(payload, terminator)).map(|(reply, more)| [reply, more].concat());
                     }
                 }
-                (Direction::Sent, Payload::Block(_)) | (Direction::Remark, _) => {}
+                (Direction::Remark, _) => {}
             }
         }
         let outcome = Outcome::default();
@@ -89,16 +105,17 @@ impl Replay {
     }
 
     /// The messages of the record, in order.
-    pub fn messages(&self) -> impl Iterator<Item = &str> {
-        self.turns.iter().map(|turn| turn.sent.as_str())
+    pub fn messages(&self) -> impl Iterator<Item = String> {
+        self.turns.iter().map(Turn::text)
     }
 
-    fn follow(&self, (number, met): (usize, String)) -> Result<Vec<u8>, Divergence> {
-        let Some(turn) = self.turns.get(number - 1) else { return Err(Divergence::Beyond { number, met }) };
-        if turn.sent != met {
-            return Err(Divergence::Other { number, expected: turn.sent.clone(), met });
+    fn follow(&self, (number, message): (usize, &[u8])) -> Result<Vec<u8>, Divergence> {
+        let met = || excerpt(message);
+        let Some(turn) = self.turns.get(number - 1) else { return Err(Divergence::Beyond { number, met: met() }) };
+        if !turn.is(message) {
+            return Err(Divergence::Other { number, expected: turn.text(), met: met() });
         }
-        turn.reply.clone().ok_or(Divergence::Unknown { number, sent: met })
+        turn.reply.clone().ok_or_else(|| Divergence::Unknown { number, sent: met() })
     }
 }
 
@@ -125,7 +142,7 @@ impl Device for Replay {
         if outcome.1.is_some() {
             return Vec::new();
         }
-        match self.follow((outcome.0 + 1, String::from_utf8_lossy(message).into_owned())) {
+        match self.follow((outcome.0 + 1, message)) {
             Ok(reply) => {
                 outcome.0 += 1;
                 reply

@@ -4,20 +4,16 @@
 //! Not simulated: timed scans (`TRIG:SOUR TIM` and the count are kept, a scan is taken at once), time stamps, alarms, other functions than
 //! temperature: a channel that was not configured shows the thermocouple's direct voltage, about 41 µV/K.
 
-use scpi::{
-    Branch, Leaf, Root,
-    error::{Error, ErrorCode},
-    tree::Node,
-};
+use scpi::{Branch, Leaf, Root, error::ErrorCode, tree::Node};
 
 use super::{
-    Device, MockOptions,
+    MockOptions,
+    machine::scpi_device,
     number::signed_nr3,
     plant::{Meter, SharedPlant},
-    tree::{Answer, Arguments, Fallible, HasStatus, Status, bit, both, common, exchange, fail, get, set, text},
+    tree::{Answer, Arguments, Fallible, Status, bit, both, common, fail, get, set, text},
     world::World,
 };
-use crate::scpi::decode::Terminator;
 
 const QUEUE_DEPTH: usize = 10;
 const CHANNELS: std::ops::RangeInclusive<u16> = 101..=120;
@@ -34,6 +30,8 @@ pub(super) struct Scanner {
     status: Status,
     settings: Settings,
     readings: Vec<(u16, f64)>,
+    /// Nothing is connected.
+    open: bool,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -69,9 +67,10 @@ impl Scanner {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         Self {
             world: World::new(plant, options.since_s),
-            status: Status::new(QUEUE_DEPTH),
+            status: Status::new(QUEUE_DEPTH).quirky(&options.quirks),
             settings: Settings::default(),
             readings: Vec::new(),
+            open: options.quirks.is("open_thermocouple"),
         }
     }
 
@@ -120,6 +119,7 @@ impl Scanner {
 
     fn read_channel(&self, channel: u16) -> f64 {
         let celsius = match channel {
+            _ if self.open => return OVERLOAD,
             101 => self.world.read(Meter::CellCelsius),
             102 => self.world.read(Meter::AmbientCelsius),
             103 => self.world.read(Meter::BathCelsius),
@@ -312,27 +312,4 @@ const TREE: Node<'static, Scanner> = Root! {
     }
 };
 
-impl Scanner {}
-
-impl HasStatus for Scanner {
-    fn status(&mut self) -> &mut Status {
-        &mut self.status
-    }
-}
-
-impl scpi::Device for Scanner {
-    fn handle_error(&mut self, error: Error) {
-        self.status.push(Error::custom(error.get_code(), error.get_message()));
-    }
-}
-
-impl Device for Scanner {
-    fn terminator(&self) -> Terminator {
-        Terminator::Lf
-    }
-
-    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        self.world.now_s = now_s;
-        exchange(&TREE, self, message)
-    }
-}
+scpi_device!(Scanner, TREE, coded);

@@ -1,6 +1,7 @@
 //! Puts a simulated instrument on a port: in process, TCP, a pseudo terminal, VXI-11, HiSLIP, a GPIB adapter, or in the place of a USBTMC device.
 //!
-//! One client at a time, as the instruments have it: on a stream the next one waits until the first has gone, elsewhere it is refused. The instrument
+//! One client at a time, as the instruments have it: on a stream the next one waits until the first has gone, or is refused where a quirk says so,
+//! elsewhere it is refused. The instrument
 //! keeps its settings from one client to the next. Everything runs on the caller's runtime, without threads, so that in virtual time in-process
 //! streams stay exact.
 
@@ -43,6 +44,7 @@ const READ_BYTES: usize = 4096;
 /// What the transport says when reading or writing fails.
 pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWrite + Unpin + Send, clock: &Clock) -> io::Result<()> {
     let mut framer = ProgramFramer::new(device.terminator(), LONGEST_MESSAGE);
+    device.connected(clock.now_s());
     let mut buffer = [0_u8; READ_BYTES];
     loop {
         let count = stream.read(&mut buffer).await?;
@@ -86,7 +88,17 @@ pub fn serve_memory(device: Box<dyn Device>, hub: &MemoryHub, name: &str, clock:
 
 async fn accept_memory(mut device: Box<dyn Device>, mut listener: MemoryListener, clock: Clock) {
     while let Some(stream) = listener.accept().await {
-        finish(serve(device.as_mut(), stream, &clock).await);
+        let mut refuses = device.refuses_second();
+        let served = serve(device.as_mut(), stream, &clock);
+        tokio::pin!(served);
+        let outcome = loop {
+            tokio::select! {
+                outcome = &mut served => break outcome,
+                // Dropped at once: the connection is closed from this side.
+                second = listener.accept(), if refuses => refuses = second.is_some(),
+            }
+        };
+        finish(outcome);
     }
 }
 
@@ -103,7 +115,17 @@ pub async fn serve_tcp(device: Box<dyn Device>, address: impl ToSocketAddrs, clo
 async fn accept_tcp(mut device: Box<dyn Device>, listener: TcpListener, clock: Clock) {
     loop {
         let stream = accept(&listener, &clock).await;
-        finish(serve(device.as_mut(), stream, &clock).await);
+        let refuses = device.refuses_second();
+        let served = serve(device.as_mut(), stream, &clock);
+        tokio::pin!(served);
+        let outcome = loop {
+            tokio::select! {
+                outcome = &mut served => break outcome,
+                // Dropped at once: the connection is closed from this side.
+                _ = accept(&listener, &clock), if refuses => {}
+            }
+        };
+        finish(outcome);
     }
 }
 

@@ -3,19 +3,15 @@
 //! Only channel 1 is wired to the bench; channel 2 is an open circuit, channel 3 can only be switched. Assumed: out-of-range values are clamped,
 //! and the error answer has the form of its `0  No Error` with the numbers of the standard.
 
-use scpi::{
-    Branch, Leaf, Root,
-    error::{Error, ErrorCode},
-    tree::Node,
-};
+use scpi::{Branch, Leaf, Root, error::ErrorCode, tree::Node};
 
 use super::{
-    Device, MockOptions,
+    MockOptions,
+    machine::scpi_device,
     plant::{Action, Meter, SharedPlant, SupplyState},
-    tree::{Answer, Arguments, Fallible, HasStatus, Span, Status, both, common, exchange, fail, get, set, text},
+    tree::{Answer, Arguments, Fallible, Span, Status, both, common, fail, get, set, text},
     world::World,
 };
-use crate::scpi::decode::Terminator;
 
 const VOLT_SPAN: Span = Span { min: 0.0, max: 32.0, default: 0.0 };
 const AMP_SPAN: Span = Span { min: 0.0, max: 3.2, default: 0.0 };
@@ -37,7 +33,7 @@ impl Spd {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let spd = Self {
             world: World::new(plant, options.since_s),
-            status: Status::new(QUEUE_DEPTH),
+            status: Status::new(QUEUE_DEPTH).quirky(&options.quirks),
             serial_number: options.serial_number.clone(),
             channels: [SupplyState::default(); 2],
             selected: 0,
@@ -72,13 +68,13 @@ impl Spd {
     }
 
     fn set_volts(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        self.channels[index].voltage_v = finite(arguments.number_in("V", VOLT_SPAN)?, VOLT_SPAN)?;
+        self.channels[index].voltage_v = self.status.bounded(arguments.number_in("V", VOLT_SPAN)?, (VOLT_SPAN.min, VOLT_SPAN.max))?;
         self.act();
         Ok(())
     }
 
     fn set_amps(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        self.channels[index].current_a = finite(arguments.number_in("A", AMP_SPAN)?, AMP_SPAN)?;
+        self.channels[index].current_a = self.status.bounded(arguments.number_in("A", AMP_SPAN)?, (AMP_SPAN.min, AMP_SPAN.max))?;
         self.act();
         Ok(())
     }
@@ -164,10 +160,6 @@ impl Spd {
     }
 }
 
-fn finite(value: f64, span: Span) -> Fallible<f64> {
-    if value.is_finite() { Ok(value.clamp(span.min, span.max)) } else { fail(ErrorCode::DataOutOfRange) }
-}
-
 fn fixed(value: f64) -> Fallible<Answer> {
     text(format!("{value:.3}"))
 }
@@ -208,25 +200,4 @@ const TREE: Node<'static, Spd> = Root! {
     }
 };
 
-impl HasStatus for Spd {
-    fn status(&mut self) -> &mut Status {
-        &mut self.status
-    }
-}
-
-impl scpi::Device for Spd {
-    fn handle_error(&mut self, error: Error) {
-        self.status.push(error);
-    }
-}
-
-impl Device for Spd {
-    fn terminator(&self) -> Terminator {
-        Terminator::Lf
-    }
-
-    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        self.world.now_s = now_s;
-        exchange(&TREE, self, message)
-    }
-}
+scpi_device!(Spd, TREE);

@@ -15,6 +15,8 @@ use scpi::{
     tree::{Node, command::Command},
 };
 
+use super::quirks::Quirks;
+
 pub(super) type Fallible<T = ()> = Result<T, Error>;
 
 /// Bytes of one response unit, without the terminator.
@@ -289,6 +291,10 @@ pub(super) struct Status {
     esr: u8,
     ese: u8,
     sre: u8,
+    /// What is out of range is limited instead of refused.
+    clamps: bool,
+    /// Unknown headers leave no entry.
+    silent: bool,
 }
 
 /// A device with a [`Status`].
@@ -299,12 +305,29 @@ pub(super) trait HasStatus: ScpiDevice {
 impl Status {
     /// An empty queue for `depth` errors, as after power-on.
     pub(super) fn new(depth: usize) -> Self {
-        Self { depth, errors: VecDeque::new(), esr: 0x80, ese: 0, sre: 0 }
+        Self { depth, errors: VecDeque::new(), esr: 0x80, ese: 0, sre: 0, clamps: false, silent: false }
+    }
+
+    /// The same with what its quirks say of errors.
+    pub(super) fn quirky(self, quirks: &Quirks) -> Self {
+        Self { clamps: quirks.is("clamps"), silent: quirks.word("unknown") == "silence", ..self }
+    }
+
+    /// A value within its span; one beyond it is refused or limited, and what is no number refused.
+    pub(super) fn bounded(&self, value: f64, (min, max): (f64, f64)) -> Fallible<f64> {
+        match value {
+            value if (min..=max).contains(&value) => Ok(value),
+            value if self.clamps && !value.is_nan() => Ok(value.clamp(min, max)),
+            _ => fail(ErrorCode::DataOutOfRange),
+        }
     }
 
     /// Queues an error; a full queue turns its newest entry into −350.
     pub(super) fn push(&mut self, error: Error) {
         let class = error.get_code();
+        if self.silent && matches!(class, -113 | -101) {
+            return;
+        }
         self.esr |= match class {
             -199..=-100 => 0x20,
             -299..=-200 => 0x10,

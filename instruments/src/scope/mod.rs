@@ -192,6 +192,10 @@ pub trait Dialect: Model {
     fn capabilities(&self) -> Capabilities;
     /// The texts for an intent.
     fn script(&self, intent: &Intent) -> Vec<Exchange>;
+    /// The texts that choose another channel of the same frame, where everything else of an [`Intent::Transfer`] was sent just before.
+    fn beside(&self, channel: u8, stride: u64) -> Vec<Exchange> {
+        self.script(&Intent::Transfer { channel, stride })
+    }
     /// The queries.
     fn queries(&self) -> Queries;
     /// The descriptor comes as a line of text, not as a block.
@@ -278,9 +282,29 @@ impl Instrument<dyn Dialect> {
         Ok(whole)
     }
 
+    /// Downloads another channel of the frame of which `before` was downloaded just now with as many points: what both have in common is not sent again.
+    ///
+    /// # Errors
+    /// As [`Self::download`].
+    pub async fn download_beside(&mut self, channel: u8, points: u64, before: &Waveform) -> Result<Waveform, LinkError> {
+        let in_memory = before.preamble.points;
+        let stride = ((in_memory as f64 / points.max(1) as f64).round() as u64).max(1);
+        let whole = before.codes.len() as u64 >= in_memory.div_ceil(stride);
+        if !(self.dialect.capabilities().thins_out && whole) {
+            return self.download(channel, points).await;
+        }
+        let script = self.dialect.beside(channel, stride);
+        self.chosen(channel, (stride, in_memory), &script).await
+    }
+
     /// Downloads one channel with a stride; with a stride above 1, one page of it.
     async fn transfer(&mut self, channel: u8, (stride, in_memory): (u64, u64)) -> Result<Waveform, LinkError> {
-        self.set(&Intent::Transfer { channel, stride }).await?;
+        let script = self.dialect.script(&Intent::Transfer { channel, stride });
+        self.chosen(channel, (stride, in_memory), &script).await
+    }
+
+    async fn chosen(&mut self, channel: u8, (stride, in_memory): (u64, u64), script: &[Exchange]) -> Result<Waveform, LinkError> {
+        play(&mut self.link, script).await?;
         let preamble = self.preamble(in_memory).await?;
         let total = preamble.points.div_ceil(stride);
         if !self.dialect.capabilities().thins_out {

@@ -115,6 +115,12 @@ impl Dialect for Sds {
         }
     }
 
+    fn beside(&self, channel: u8, stride: u64) -> Vec<Exchange> {
+        let chosen = source(":WAVeform:SOURce", channel);
+        // Only a record of several pages has moved the start.
+        if stride > 1 { vec![chosen] } else { vec![chosen, start(0)] }
+    }
+
     fn queries(&self) -> Queries {
         Queries {
             status: ":TRIGger:STATus?",

@@ -3,7 +3,7 @@
 //!
 //! Numbers go out as plain `%.4f`: the parser of the instrument drops digits silently when there are more than four before the point.
 
-use super::{AnalogSelect, Capabilities, Dialect, Limits};
+use super::{AnalogSelect, Capabilities, Dialect, Holds, Limits};
 use crate::{
     exchange::{Exchange, Expect, Identity},
     instrument::{Model, ms},
@@ -58,7 +58,7 @@ impl Dialect for Kepco {
         Capabilities {
             analog_select: self.analog_select,
             // `CURR:LIM` is of the switching family.
-            current_limit: self.analog_select == AnalogSelect::Command,
+            holds: if self.analog_select == AnalogSelect::Command { Holds::CurrentAndVoltage } else { Holds::Voltage },
             full_scale: FULL_SCALE,
             // The bandwidth is 5 kHz to 10 kHz: at 3 kHz at most a seventh of the amplitude is lost.
             max_freq: Hertz(3000.0),
@@ -168,7 +168,7 @@ mod tests {
         // What is said of the limit is what is sent.
         for supply in [&BOP_MG, &BOP_LINEAR] {
             let sent = words(&supply.prepare(&limits)).iter().any(|message| message.starts_with("CURR:LIM "));
-            assert_eq!(supply.capabilities().current_limit, sent, "{}", supply.key);
+            assert_eq!(supply.capabilities().holds == Holds::CurrentAndVoltage, sent, "{}", supply.key);
         }
     }
 

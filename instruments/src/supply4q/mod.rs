@@ -3,10 +3,11 @@
 //! Bring-up order (and the reverse on the way down): output off, mode, limits, zero, analog select, output on. The generator must be at zero
 //! whenever the output is switched on; that is the caller's business, for this module knows one instrument only.
 
+mod caenels;
 mod kepco;
 
 use crate::{
-    exchange::{Answer, Exchange, forget_errors, look, play, play_all},
+    exchange::{Answer, Exchange, after_header, forget_errors, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Hertz, Volts},
@@ -22,14 +23,34 @@ pub enum AnalogSelect {
     Wiring,
 }
 
+/// Which limits can be sent that hold while the analog input commands the output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Holds {
+    /// Of the current and of the voltage.
+    CurrentAndVoltage,
+    /// Of the voltage only: the output follows the generator up to its rated current.
+    Voltage,
+    /// None: the output follows the generator up to its rated current, at any voltage up to its rating.
+    Nothing,
+}
+
+/// What a model holds by itself, whatever is sent to it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OwnLimits {
+    /// Least and greatest voltage, V.
+    pub volts: (f64, f64),
+    /// Least and greatest current, A.
+    pub amps: (f64, f64),
+}
+
 /// What a model can do.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Capabilities {
     /// How the analog input is selected.
     pub analog_select: AnalogSelect,
-    /// A limit of the current can be sent that holds while the analog input commands the output. Without it the output follows the generator up to
-    /// its rated current.
-    pub current_limit: bool,
+    /// The limits that it takes over.
+    pub holds: Holds,
     /// Rated current; ± this is full scale of the analog input.
     pub full_scale: Amps,
     /// Up to here the output follows the analog input within a few per cent.
@@ -41,9 +62,9 @@ pub struct Capabilities {
 /// Limits programmed into the instrument before it is energised.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Compliance voltage in current mode.
+    /// Compliance voltage in current mode; sent where [`Capabilities::holds`] says so.
     pub compliance: Volts,
-    /// Greatest current of either sign; sent where [`Capabilities::current_limit`] says so.
+    /// Greatest current of either sign; sent where [`Capabilities::holds`] says so.
     pub current: Amps,
 }
 
@@ -60,10 +81,14 @@ pub trait Dialect: Model {
     fn analog(&self, on: bool) -> Vec<Exchange>;
     /// Queries for terminal voltage and current.
     fn measure(&self) -> [&'static str; 2];
+    /// Query for the limits of its own: least and greatest voltage, least and greatest current, separated by `:`.
+    fn own_limits(&self) -> Option<&'static str> {
+        None
+    }
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&kepco::BOP_MG, &kepco::BOP_LINEAR];
+pub const DIALECTS: &[&dyn Dialect] = &[&kepco::BOP_MG, &kepco::BOP_LINEAR, &caenels::FAST_PS];
 
 /// A bipolar supply on its link.
 pub type Supply4q = Instrument<dyn Dialect>;
@@ -109,6 +134,22 @@ impl Instrument<dyn Dialect> {
     /// The link's.
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
         look(&mut self.link, &self.dialect.output(false)).await
+    }
+
+    /// The limits that it holds by itself, where it can be asked for them; changes nothing.
+    ///
+    /// # Errors
+    /// The link's; an answer that is not four numbers around zero.
+    pub async fn own_limits(&mut self) -> Result<Option<OwnLimits>, LinkError> {
+        let Some(query) = self.dialect.own_limits() else { return Ok(None) };
+        let answer = self.link.query(query).await?;
+        let numbers: Vec<f64> = after_header(&answer).split(':').filter_map(|number| number.trim().parse().ok()).collect();
+        match numbers.as_slice() {
+            [v0, v1, a0, a1] if *v0 <= 0.0 && *v1 >= 0.0 && *a0 <= 0.0 && *a1 >= 0.0 && numbers.iter().all(|number| number.is_finite()) => {
+                Ok(Some(OwnLimits { volts: (*v0, *v1), amps: (*a0, *a1) }))
+            }
+            _ => Err(LinkError::unexpected(self.link.name(), query, &answer, "least and greatest voltage and current, around zero")),
+        }
     }
 
     /// Terminal voltage and current (charge positive).

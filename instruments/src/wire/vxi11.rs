@@ -6,9 +6,9 @@ use super::{
 };
 
 /// Program and version of the core channel.
-pub const CORE: (u32, u32) = (0x0607_af, 1);
+pub const CORE: (u32, u32) = (0x0006_07af, 1);
 /// Program and version of the abort channel.
-pub const ABORT: (u32, u32) = (0x0607_b0, 1);
+pub const ABORT: (u32, u32) = (0x0006_07b0, 1);
 /// The only procedure of the abort channel: its argument is the link, its result an error.
 pub const DEVICE_ABORT: u32 = 1;
 

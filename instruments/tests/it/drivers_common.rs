@@ -59,6 +59,18 @@ impl Device for Liar {
         let lie = self.lies.iter().find(|(asked, _)| asked.as_bytes() == message);
         lie.map_or_else(|| self.device.handle(now_s, message), |(_, answer)| answer.to_vec())
     }
+
+    fn connected(&mut self, now_s: f64) {
+        self.device.connected(now_s);
+    }
+
+    fn late_s(&self, now_s: f64) -> f64 {
+        self.device.late_s(now_s)
+    }
+
+    fn end_late_s(&self) -> f64 {
+        self.device.end_late_s()
+    }
 }
 
 impl Rig {
@@ -175,7 +187,7 @@ fn models_of_the_same_makers_that_differ_are_not_recognised() {
         "Siglent Technologies,SPD1305X,SPD1XXXX,2.01.01.06,V2.2",
         "Siglent Technologies,SDS1104X-E,SDSMMFCX5R3333,8.2.6.1.37R2",
         "Siglent Technologies,SDG1025,SDG1XXXX,1.0",
-        "Siglent Technologies,SDM3055,SDM35HBC900580,1.02.01.28",
+        "Siglent Technologies,SDM3045X,SDM34HBC900580,1.02.01.28",
         "HEWLETT-PACKARD,34401A,0,10-5-2",
         "KEPCO,BOP1KW 36-28 ,E156884, 2.01",
         "",

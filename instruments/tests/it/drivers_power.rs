@@ -9,7 +9,7 @@ use instruments::{
     },
     scpi::decode::Terminator,
     supply::{self, Charge, Supply},
-    units::{Amps, Volts},
+    units::{Amps, Volts, Watts},
 };
 
 use crate::drivers_common::{Rig, dialect, in_virtual_time};
@@ -167,5 +167,27 @@ fn what_the_supply_does_not_take_over_is_named() {
         supply.safe().await.unwrap();
         let text = "dev: after `OUTP CH1,ON`, `SYST:STAT?` answered `0x0224`: expected status bits 0x0010 under mask 0x0010";
         assert_eq!(supply.energise().await.unwrap_err().to_string(), text);
+    });
+}
+
+#[test]
+fn levels_change_while_load_and_supply_are_on() {
+    in_virtual_time(async |clock| {
+        let rig = Rig::new(clock.clone(), LOAD);
+        let mut load = load(&rig).await;
+        load.prepare(&Discharge { draw: Draw::Power(Watts(60.0)), ..DISCHARGE }).await.unwrap();
+        load.level(Draw::Power(Watts(20.0))).await.unwrap();
+        load.energise().await.unwrap();
+        load.level(Draw::Power(Watts(45.5))).await.unwrap();
+        assert_eq!(*loads(&rig).last().unwrap(), LoadState { input_on: true, current_a: 0.0, min_voltage_v: 2.75, power_w: Some(45.5) });
+        let too_much = load.level(Draw::Power(Watts(260.0))).await.unwrap_err().to_string();
+        assert!(too_much.ends_with("answered `200.000000`: expected a number within 1.0e-2 of 260"), "{too_much}");
+        let rig = Rig::new(clock, SUPPLY);
+        let mut supply = supply(&rig).await;
+        supply.prepare(&CHARGE).await.unwrap();
+        supply.energise().await.unwrap();
+        supply.level(Amps(0.5)).await.unwrap();
+        let last = supplies(&rig).last().copied().unwrap();
+        assert!(last.output_on && last.current_a == 0.5 && last.voltage_v == 4.2, "{last:?}");
     });
 }

@@ -32,7 +32,7 @@ async fn driver(rig: &Rig) -> Scope {
 }
 
 fn pages_of(page_points: usize) -> MockOptions {
-    MockOptions { page_points, ..MockOptions::default() }
+    MockOptions::quirk("page_points", page_points as f64)
 }
 
 /// The channel's constant part at the centre of the screen, a little off so that all digits of the offset matter.

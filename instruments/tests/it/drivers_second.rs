@@ -3,7 +3,7 @@
 
 use instruments::{
     chiller,
-    generator::{self, Sine},
+    generator::{self, Sine, Wave},
     instrument::Instrument,
     load::{self, Discharge, Draw, Load},
     mock::{
@@ -13,7 +13,7 @@ use instruments::{
     scope::{self, Intent, Scope, Trigger, Vertical},
     scpi::decode::Terminator,
     supply::{self, Charge, Supply},
-    units::{Amps, Celsius, Hertz, Seconds, Volts},
+    units::{Amps, Celsius, Hertz, Seconds, Volts, Watts},
 };
 
 use crate::{
@@ -241,7 +241,7 @@ fn the_volts_come_back_from_codes_that_are_not_left_justified_at_any_page_size()
     ];
     for (page_points, wanted) in [(1_000_000, 100_000), (1_000_000, 2_000), (777, 1_000)] {
         in_virtual_time(async |clock| {
-            let rig = Rig::with(clock, "rigol-dho800", &MockOptions { page_points, ..MockOptions::default() }, &[]);
+            let rig = Rig::with(clock, "rigol-dho800", &MockOptions::quirk("page_points", page_points as f64), &[]);
             rig.earlier_user(Terminator::Lf, &earlier).await;
             let mut scope = capture(&rig).await;
             for channel in [4, 1, 3, 2] {
@@ -280,5 +280,84 @@ fn a_scope_without_a_frame_says_so_and_an_offset_that_its_scale_does_not_allow_i
         let vertical = Vertical { channel: 1, per_div: Volts(0.05), offset: Volts(-3.8) };
         let refused = scope.set(&Intent::Vertical(vertical)).await.unwrap_err().to_string();
         assert!(refused.contains("`:CHAN1:OFFS?` answered `-1.0E0`: expected a number within 1.3e-2 of -3.8"), "{refused}");
+    });
+}
+
+#[test]
+fn the_larger_load_answers_its_own_ranges_and_a_limit_left_low_is_lifted() {
+    in_virtual_time(async |clock| {
+        for (current, answer, taken) in [
+            (6.0, &b"60\n"[..], true),
+            (6.0, b"40\n", true),
+            (6.0, b"6\n", false),
+            (3.0, b"6\n", true),
+            (3.0, b"4.0000\n", true),
+            (3.0, b"60\n", false),
+        ] {
+            let rig = Rig::with(clock.clone(), "rigol-dl3000", &MockOptions::default(), &[(":SOUR:CURR:RANG?", answer)]);
+            rig.earlier_user(Terminator::Lf, &[":SOUR:CURR:ILIM 0.5"]).await;
+            let mut load = load(&rig).await;
+            let prepared = load.prepare(&Discharge { draw: Draw::Current(Amps(current)), stop_below: Volts(2.75) }).await;
+            assert_eq!(prepared.is_ok(), taken, "{current} A, {}: {prepared:?}", String::from_utf8_lossy(answer));
+            if taken {
+                load.energise().await.unwrap();
+                assert_eq!(loads(&rig).last().unwrap().current_a, current, "its own limit does not hold it back");
+            }
+        }
+    });
+}
+
+#[test]
+fn a_wave_is_sent_as_text_played_at_its_rate_and_never_with_a_sines_amplitude() {
+    in_virtual_time(async |clock| {
+        let rig = Rig::new(clock, "keysight-33500b");
+        let dialect = dialect!(generator, "keysight-33500b");
+        let mut generator = Instrument::new(rig.link(dialect.profile()).await, dialect);
+        generator.output(false).await.unwrap();
+        generator.quiet(Volts(-0.28)).await.unwrap();
+        generator.output(true).await.unwrap();
+        let steps: Vec<f64> = (0..1024).map(|k| f64::from(k) / 512.0 - 1.0).collect();
+        let wave = Wave { name: "eis1".to_owned(), steps: steps.clone(), freq: Hertz(0.5), amplitude: Volts(0.75), offset: Volts(-0.28) };
+        let before = rig.actions().len();
+        // Twice: a name that is there already must not be in the way.
+        for _ in 0..2 {
+            generator.wave(&wave).await.unwrap();
+        }
+        let shape = rig.shape().unwrap();
+        assert_eq!(shape.len(), 1024);
+        assert!(shape.iter().zip(&steps).all(|(met, step)| (met - step).abs() < 1.0 / 32_767.0));
+        let state = |action: &Action| if let Action::Generator(state) = action { *state } else { panic!("{action:?}") };
+        let states: Vec<GeneratorState> = rig.actions()[before..].iter().map(state).collect();
+        let last = states.last().unwrap();
+        assert!(
+            (last.freq_hz - 0.5).abs() < 1.0e-9 && (last.amplitude_v - 0.75).abs() < 1.0e-9 && (last.offset_v + 0.28).abs() < 1.0e-9,
+            "{last:?}"
+        );
+        assert!(
+            states.iter().all(|state| state.freq_hz < 1.0 || state.amplitude_v < 0.0011),
+            "a sine with the wave's amplitude: {states:?}"
+        );
+        generator.quiet(Volts(-0.28)).await.unwrap();
+        assert!(rig.shape().is_none());
+        let short = Wave { steps: vec![0.0; 4], ..wave };
+        let refused = generator.wave(&short).await.unwrap_err().to_string();
+        assert!(refused.contains("expected 8 to 65536 finite steps, found 4"), "{refused}");
+    });
+}
+
+#[test]
+fn a_load_draws_a_power_and_changes_its_level_while_it_draws() {
+    in_virtual_time(async |clock| {
+        let rig = Rig::new(clock, "rigol-dl3000");
+        let mut load = load(&rig).await;
+        load.prepare(&Discharge { draw: Draw::Power(Watts(40.0)), stop_below: Volts(2.75) }).await.unwrap();
+        load.energise().await.unwrap();
+        load.level(Draw::Power(Watts(25.0))).await.unwrap();
+        assert_eq!(*loads(&rig).last().unwrap(), LoadState { input_on: true, current_a: 0.0, min_voltage_v: 2.75, power_w: Some(25.0) });
+        let refused = load.level(Draw::Power(Watts(250.0))).await.unwrap_err().to_string();
+        assert_eq!(refused, "dev: `:SOUR:POW:LEV:IMM 250.000` was refused: -222, Data out of range");
+        load.prepare(&Discharge { draw: Draw::Current(Amps(6.0)), stop_below: Volts(2.75) }).await.unwrap();
+        load.level(Draw::Current(Amps(2.0))).await.unwrap();
+        assert_eq!(*loads(&rig).last().unwrap(), LoadState { input_on: false, current_a: 2.0, min_voltage_v: 2.75, power_w: None });
     });
 }

@@ -43,7 +43,7 @@ fn states(rig: &Rig) -> Vec<BipolarState> {
 }
 
 fn off_active(active: bool) -> MockOptions {
-    MockOptions { off_active: active, ..MockOptions::default() }
+    MockOptions::quirk("off_active", active)
 }
 
 /// The output is on only as this bench means it, and when off, open from the first change on.
@@ -191,7 +191,7 @@ fn a_read_back_that_is_late_is_believed_and_one_that_never_comes_true_is_not() {
 fn the_linear_family_is_never_told_what_it_does_not_know_and_obeys_its_wiring() {
     for wired in [true, false] {
         in_virtual_time(async |clock| {
-            let rig = Rig::with(clock, LINEAR, &MockOptions { analog_wired: wired, ..MockOptions::default() }, &[]);
+            let rig = Rig::with(clock, LINEAR, &MockOptions::quirk("analog_wired", wired), &[]);
             let mut supply = driver(&rig, LINEAR).await;
             supply.prepare(&LIMITS).await.unwrap();
             assert!(states(&rig).iter().all(|state| !state.output_on));

@@ -51,7 +51,7 @@ fn bath(rig: &Rig) -> ChillerState {
 fn the_chiller_starts_and_stops_at_the_pace_it_needs() {
     for strict_pacing in [true, false] {
         in_virtual_time(async |clock| {
-            let rig = Rig::with(clock, CHILLER, &MockOptions { strict_pacing, ..MockOptions::default() }, &[]);
+            let rig = Rig::with(clock, CHILLER, &MockOptions::quirk("strict_pacing", strict_pacing), &[]);
             let mut chiller = chiller(&rig).await;
             assert_eq!(chiller.status().await.unwrap().raw, "02 REMOTE STOP");
             for celsius in [12.5, -19.99, 40.0] {
@@ -72,7 +72,7 @@ fn the_chiller_starts_and_stops_at_the_pace_it_needs() {
 fn the_mock_does_lose_what_comes_too_soon() {
     // Else the test above would not show that the profile keeps the pace.
     in_virtual_time(async |clock| {
-        let rig = Rig::with(clock, CHILLER, &MockOptions { strict_pacing: true, ..MockOptions::default() }, &[]);
+        let rig = Rig::with(clock, CHILLER, &MockOptions::quirk("strict_pacing", true), &[]);
         let dialect = dialect!(chiller, CHILLER);
         let hasty = LinkProfile { write_gap: Duration::ZERO, timeout: Duration::from_millis(500), ..dialect.profile() };
         let mut chiller = Instrument::new(rig.link(hasty).await, dialect);
@@ -101,7 +101,7 @@ fn the_sensor_and_the_set_point_of_somebody_else_are_put_back() {
 #[test]
 fn in_manual_mode_nothing_is_ignored_silently() {
     in_virtual_time(async |clock| {
-        let rig = Rig::with(clock, CHILLER, &MockOptions { local: true, ..MockOptions::default() }, &[]);
+        let rig = Rig::with(clock, CHILLER, &MockOptions::quirk("local", true), &[]);
         let mut chiller = chiller(&rig).await;
         let text =
             "dev: `STATUS` answered `00 MANUAL STOP`: expected remote mode (set it on the panel: in manual mode commands are ignored)";
@@ -113,7 +113,7 @@ fn in_manual_mode_nothing_is_ignored_silently() {
     });
     in_virtual_time(async |clock| {
         let manual: &[(&str, &[u8])] = &[("IN_MODE_05", b"1\r\n"), ("STATUS", b"01 MANUAL START\r\n")];
-        let rig = Rig::with(clock, CHILLER, &MockOptions { local: true, ..MockOptions::default() }, manual);
+        let rig = Rig::with(clock, CHILLER, &MockOptions::quirk("local", true), manual);
         let text =
             "dev: `STATUS` answered `01 MANUAL START`: expected remote mode (set it on the panel: in manual mode commands are ignored)";
         assert_eq!(chiller(&rig).await.stop().await.unwrap_err().to_string(), text);
@@ -121,7 +121,7 @@ fn in_manual_mode_nothing_is_ignored_silently() {
     // Manual mode that hides behind a message shows in the read-back.
     in_virtual_time(async |clock| {
         let hidden: &[(&str, &[u8])] = &[("STATUS", b"-09 COMMAND NOT ALLOWED IN CURRENT OPERATING MODE\r\n")];
-        let rig = Rig::with(clock, CHILLER, &MockOptions { local: true, ..MockOptions::default() }, hidden);
+        let rig = Rig::with(clock, CHILLER, &MockOptions::quirk("local", true), hidden);
         let error = chiller(&rig).await.start(Celsius(20.0)).await.unwrap_err().to_string();
         assert_eq!(error, "dev: after `OUT_SP_00 20.00`, `IN_SP_00` answered `25.00`: expected a number within 6.0e-3 of 20");
     });
@@ -165,7 +165,7 @@ fn an_alarm_keeps_the_chiller_from_starting_and_a_warning_does_not() {
 fn the_chiller_is_driven_over_a_pseudo_terminal() {
     in_time(TimeMode::Real, async |clock| {
         let plant = Arc::new(Mutex::new(Recorder::default()));
-        let options = MockOptions { strict_pacing: true, ..MockOptions::default() };
+        let options = MockOptions::quirk("strict_pacing", true);
         let (path, _task) = mock::serve_pty(mock::make(CHILLER, plant.clone(), &options).unwrap(), clock.clone()).unwrap();
         let dialect = dialect!(chiller, CHILLER);
         // On a busy machine an answer may take its time.

@@ -390,7 +390,8 @@ fn fuzz_mocks() {
         let seeds: Vec<Vec<u8>> = own.iter().cycle().take(own.len().min(1) * 3 * others.len()).chain(&others).cloned().collect();
         let mut random = Random(from_environment("EIS_BENCH_FUZZ_SEED", 1));
         // One instrument for all: what it keeps must not grow.
-        let mut bench = Bench::with(model.key, &MockOptions { page_points: 100, ..MockOptions::default() });
+        let paged = model.quirks().any(|quirk| quirk.name == "page_points");
+        let mut bench = if paged { Bench::with(model.key, &MockOptions::quirk("page_points", 100.0)) } else { Bench::new(model.key) };
         let mut most = 0;
         for number in 0..share {
             let data = random.input(&seeds);

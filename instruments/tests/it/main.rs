@@ -5,6 +5,7 @@
 mod conformance;
 mod device;
 mod drivers_common;
+mod drivers_confirming;
 mod drivers_generator;
 mod drivers_power;
 mod drivers_scope;
@@ -21,5 +22,6 @@ mod mocks_ports;
 mod mocks_random;
 mod mocks_scope;
 mod ports;
+mod quirks;
 mod replay;
 mod transports;

@@ -96,7 +96,7 @@ fn the_kepco_queues_errors_and_drops_half_answers() {
 fn the_kepco_moves_the_world() {
     let off = BipolarState { off_is_open: true, ..BipolarState::default() };
     assert_eq!(Bench::new("kepco-bop-mg").last_action(), Action::Bipolar(off));
-    let mut bench = Bench::with("kepco-bop-mg", &MockOptions { off_active: true, ..MockOptions::default() });
+    let mut bench = Bench::with("kepco-bop-mg", &MockOptions::quirk("off_active", true));
     assert_eq!(bench.last_action(), Action::Bipolar(BipolarState::default()));
     bench.send(&["OUTP:MODE BATT", "FUNC:MODE CURR", "VOLT 4.3", "CURR 1.25", "OUTP 1"]);
     let on = BipolarState { output_on: true, current_mode: true, setpoint: 1.25, limit: 4.3, ..off };
@@ -118,7 +118,7 @@ fn the_linear_kepco_lacks_what_its_wiring_does() {
     }
     let wired = |bench: &Bench| matches!(bench.last_action(), Action::Bipolar(BipolarState { output_on: true, analog_input: true, .. }));
     assert!(wired(&bench));
-    let mut bench = Bench::with("kepco-bop-linear", &MockOptions { analog_wired: false, ..MockOptions::default() });
+    let mut bench = Bench::with("kepco-bop-linear", &MockOptions::quirk("analog_wired", false));
     bench.send(&["FUNC:MODE CURR", "OUTP ON"]);
     assert!(!wired(&bench));
 }
@@ -291,7 +291,7 @@ fn the_chiller_writes_in_silence_and_obeys_only_in_remote_mode() {
         ("STATUS", "-08 INVALID COMMAND\r\n"),
     ]);
     assert_eq!(bench.last_action(), Action::Chiller(ChillerState { running: true, setpoint_c: 12.5 }));
-    let mut bench = Bench::with("julabo", &MockOptions { local: true, ..MockOptions::default() });
+    let mut bench = Bench::with("julabo", &MockOptions::quirk("local", true));
     bench.table(&[
         ("STATUS", "00 MANUAL STOP\r\n"),
         ("OUT_SP_00 12.5", ""),
@@ -299,7 +299,7 @@ fn the_chiller_writes_in_silence_and_obeys_only_in_remote_mode() {
         ("IN_SP_00", "25.00\r\n"),
         ("STATUS", "00 MANUAL STOP\r\n"),
     ]);
-    let mut bench = Bench::with("julabo", &MockOptions { strict_pacing: true, ..MockOptions::default() });
+    let mut bench = Bench::with("julabo", &MockOptions::quirk("strict_pacing", true));
     bench.table(&[("OUT_SP_00 12.5", ""), ("OUT_MODE_05 1", ""), ("IN_MODE_05", "")]);
     bench.now_s = 0.25;
     bench.table(&[("IN_MODE_05", "0\r\n"), ("IN_SP_00", "12.50\r\n")]);
@@ -370,7 +370,7 @@ fn an_unknown_model_is_named_with_the_known_ones() {
 
 #[test]
 fn echo_comes_before_the_answer() {
-    let mut bench = Bench::with("kepco-bop-mg", &MockOptions { echo: true, ..MockOptions::default() });
+    let mut bench = Bench::with("kepco-bop-mg", &MockOptions::quirk("echo", true));
     assert_eq!(bench.ask("OUTP?"), "OUTP?\r\n0\n");
 }
 

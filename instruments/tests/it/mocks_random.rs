@@ -73,7 +73,8 @@ proptest! {
     fn no_bytes_make_a_mock_panic(messages in prop::collection::vec(pieces(), 1..5)) {
         for model in MODELS {
             // Small pages keep a capture of ten million points out of this test.
-            let mut bench = Bench::with(model.key, &MockOptions { page_points: 100, ..MockOptions::default() });
+            let paged = model.quirks().any(|quirk| quirk.name == "page_points");
+            let mut bench = if paged { Bench::with(model.key, &MockOptions::quirk("page_points", 100.0)) } else { Bench::new(model.key) };
             for message in &messages {
                 bench.now_s += 1.0;
                 bench.device.handle(bench.now_s, message);

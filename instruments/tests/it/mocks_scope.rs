@@ -209,7 +209,7 @@ fn pages_and_strides_are_pieces_of_the_whole() {
 
 #[test]
 fn a_small_memory_comes_in_pages() {
-    let mut bench = Bench::with(MODEL, &MockOptions { page_points: 3000, ..MockOptions::default() });
+    let mut bench = Bench::with(MODEL, &MockOptions::quirk("page_points", 3000.0));
     bench.send(&[":TIM:SCAL 0.01", ":ACQ:MDEP 10k", ":TRIG:MODE AUTO", ":WAV:WIDT WORD"]);
     bench.now_s = 1.0;
     bench.send(&[":TRIG:STOP"]);

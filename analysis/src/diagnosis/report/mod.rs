@@ -17,6 +17,8 @@ pub use pictures::{Kind, Picture, pictures};
 
 use super::outcome::{Block, Diagnosis};
 use crate::effects;
+use crate::plot::PlotError;
+use crate::report::{Level, Report, Section, Verdict};
 
 /// Probability below which a block of residuals counts as outside the noise, after Holm's correction.
 pub const SIGNIFICANT_P: f64 = 0.05;
@@ -31,6 +33,24 @@ pub fn text(d: &Diagnosis) -> String {
 /// A diagnosis as Markdown; `pictures` are those of [`pictures`], expected as `NAME.png` beside the text.
 pub fn markdown(d: &Diagnosis, pictures: &[Picture]) -> String {
     sections::page(d).markdown(pictures)
+}
+
+/// A diagnosis as a page that opens by itself; `pictures` are those of [`pictures`]. Where it comes from is the caller's to add.
+///
+/// # Errors
+/// A picture that cannot be drawn.
+pub fn html(d: &Diagnosis, pictures: &[Picture]) -> Result<Report, PlotError> {
+    use super::outcome::Verdict as Found;
+    let level = match d.verdict {
+        Found::AtNoiseFloor | Found::Explained => Level::Good,
+        Found::Ambiguous | Found::Unexplained => Level::Note,
+        Found::Invalid => Level::Bad,
+    };
+    let page = sections::page(d);
+    // The first section is the verdict itself.
+    let verdicts = vec![Verdict { level, text: d.summary.clone() }];
+    let sections: Result<Vec<Section>, PlotError> = page.sections.iter().skip(1).map(|section| section.html(pictures)).collect();
+    Ok(Report { title: page.title, verdicts, sections: sections?, ..Report::default() })
 }
 
 fn is_significant(block: &Block) -> bool {

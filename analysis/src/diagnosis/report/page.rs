@@ -2,6 +2,8 @@
 
 use super::Picture;
 use super::pictures::Kind;
+use crate::plot::PlotError;
+use crate::report::{self, Figure, Part, Table};
 
 /// Characters of a line on a terminal.
 const WIDTH: usize = 100;
@@ -45,6 +47,15 @@ pub(super) enum Item {
 impl Section {
     pub(super) fn new(heading: &'static str, items: Vec<Item>) -> Self {
         Self { heading, items }
+    }
+
+    /// For a page of HTML, with the pictures in their places.
+    pub(super) fn html(&self, pictures: &[Picture]) -> Result<report::Section, PlotError> {
+        let mut parts = Vec::new();
+        for item in &self.items {
+            item.html(&mut parts, pictures)?;
+        }
+        Ok(report::Section { heading: self.heading.to_owned(), parts })
     }
 }
 
@@ -98,6 +109,26 @@ impl Item {
             Self::Verbatim(text) => text.lines().for_each(|line| out.push_str(&format!("{}\n", format!("  {line}").trim_end()))),
             Self::Pictures(_) => {}
         }
+    }
+
+    fn html(&self, parts: &mut Vec<Part>, pictures: &[Picture]) -> Result<(), PlotError> {
+        let owned = |words: &[&'static str]| words.iter().map(|word| (*word).to_owned()).collect();
+        parts.push(match self {
+            Self::Text(text) => Part::Text(text.clone()),
+            Self::List(points) => Part::List(points.clone()),
+            Self::Table(header, rows) => Part::Table(Table { caption: String::new(), header: owned(header), rows: rows.clone() }),
+            Self::Fields(name, fields) => {
+                Part::Fields(name.clone(), fields.iter().map(|(field, text)| ((*field).to_owned(), text.clone())).collect())
+            }
+            Self::Verbatim(text) => Part::Verbatim(text.clone()),
+            Self::Pictures(kind) => {
+                for picture in pictures.iter().filter(|picture| picture.kind == *kind) {
+                    parts.push(Part::Figure(Figure { svg: picture.drawing.svg()?, caption: picture.caption.clone() }));
+                }
+                return Ok(());
+            }
+        });
+        Ok(())
     }
 
     fn markdown(&self, out: &mut String, pictures: &[Picture]) {

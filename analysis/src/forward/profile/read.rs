@@ -5,8 +5,14 @@
 //! A column that is called charge or discharge says its sign by that; `load` is a resistance only with a unit of one.
 
 use super::{Interpolation, Profile, ProfileError};
-use crate::forward::law::Demand;
+use crate::{
+    formats::{SeriesOptions, read_series},
+    forward::law::Demand,
+};
 use std::path::Path;
+
+/// How the names of measured series end.
+const MEASURED: &str = ".bdf.csv";
 
 /// What the file itself may not say.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,15 +41,32 @@ enum Direction {
 }
 
 impl Profile {
-    /// Reads a profile; its name is that of the file without the extension.
+    /// Reads a profile; its name is that of the file without the extension. A measured series (`.bdf.csv`) is taken for its current, or for its power where that is
+    /// asked for.
     ///
     /// # Errors
     /// [`ProfileError`] with file and line.
     pub fn read(path: &Path, options: &ReadOptions) -> Result<Self, ProfileError> {
+        if path.to_string_lossy().ends_with(MEASURED) {
+            return Self::measured(path, options);
+        }
         let bytes = std::fs::read(path).map_err(|source| ProfileError::Io { file: path.to_owned(), source })?;
         let text = String::from_utf8_lossy(&bytes);
         let stem = path.file_stem().map_or_else(|| "profile".to_owned(), |s| s.to_string_lossy().into_owned());
         Self::parse((path, &stem), text.trim_start_matches('\u{feff}'), options)
+    }
+
+    /// What flowed in a measured series.
+    fn measured(path: &Path, options: &ReadOptions) -> Result<Self, ProfileError> {
+        let series = read_series(path, &SeriesOptions::default())?;
+        let demand = match options.demand {
+            Some(Demand::Power) => Demand::Power,
+            _ => Demand::Current,
+        };
+        let value = |(amps, volts): (&f64, &f64)| if demand == Demand::Power { amps * volts } else { *amps };
+        let values = series.current_a.iter().zip(&series.voltage_v).map(value);
+        let rows: Vec<(f64, f64)> = series.time_s.iter().copied().zip(values).collect();
+        Self::new(&series.name, (demand, options.interpolation), &rows)
     }
 
     /// Reads a profile from the text of a file; `path` is for complaints.

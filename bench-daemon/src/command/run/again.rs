@@ -14,7 +14,7 @@ use std::{
     thread,
 };
 
-use super::{Measured, gathered::Gathered, multisine, past, results};
+use super::{Measured, gathered::Gathered, multisine, past, results, sweeping};
 use crate::{
     command::Failure,
     config::Experiment,
@@ -154,7 +154,7 @@ impl Recorded {
                 point.warnings.iter().for_each(|text| recorder.known_point_warning(&sweeping.name, point.phasors.freq_hz, text));
             }
             let settled = sweeping.settle(&recorder, own)?;
-            sweeping.flags(&settled.points, &mut |freq_hz, text| recorder.known_point_warning(&sweeping.name, freq_hz, text));
+            sweeping::flags(&settled.points, &mut |freq_hz, text| recorder.known_point_warning(&sweeping.name, freq_hz, text));
             gathered.finish(&mut recorder, of, settled, true)?;
         }
         let measured = gathered.whole(&recorder)?;
@@ -221,9 +221,9 @@ impl Recorded {
         let point = analyse(&asked, &taken, ranging).map_err(|error| failed(&format!("{}: {error}", path.display())))?;
         let mut failing = eis.and_then(|eis| eis.quality).map_or_else(Vec::new, |quality| quality.judge(&point.measures));
         failing.extend(known.point.failing.iter().filter(|failing| failing.is_of_sweep()).cloned());
-        let SweepPoint { time_s, captures, rechecked, .. } = known.point;
+        let SweepPoint { time_s, captures, rechecked, spent, .. } = known.point;
         let samples = 4 * channels[0].len() as u64;
-        Ok(Again { point: SweepPoint { time_s, captures, rechecked, failing, ..point }, file: file.to_owned(), bytes, samples })
+        Ok(Again { point: SweepPoint { time_s, captures, rechecked, spent, failing, ..point }, file: file.to_owned(), bytes, samples })
     }
 
     /// The correction of a run before, where this one had no controls of its own.
@@ -285,10 +285,12 @@ impl Records {
 
 /// Works on so many items at once as there are cores, and no more: each holds a capture. Threads of a pool would take up the next item while they
 /// wait for the decoder's pool, one within the other.
-fn on_all_cores<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> Result<R, Failure> + Sync) -> Result<Vec<R>, Failure> {
+pub(crate) fn on_all_cores<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> Result<R, Failure> + Sync) -> Result<Vec<R>, Failure> {
     let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::with_capacity(items.len())));
     let one_after_the_other = || {
-        while let Some((index, item)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|index| Some((index, items.get(index)?))) {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(index) else { return };
             let result = work(item);
             if result.is_err() {
                 // The first failure ends the others.

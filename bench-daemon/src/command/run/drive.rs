@@ -6,7 +6,13 @@ use instruments::{
     mock::plant::Fixture,
 };
 
-use super::{Measured, Past, gathered::Gathered, multisine, play::safe, sweeping::Settled};
+use super::{
+    Measured, Past,
+    gathered::Gathered,
+    multisine,
+    play::safe,
+    sweeping::{self, Settled},
+};
 use crate::{
     bench::Bench,
     command::Failure,
@@ -62,6 +68,9 @@ impl<'a, 'b> Drive<'a, 'b> {
     /// What finished stages have given, from the run folder.
     fn restore(&mut self) -> Result<(), Failure> {
         let Some(past) = self.past else { return Ok(()) };
+        let latest = past.story.latest.and_then(|number| self.plan.stages.get(number)).and_then(Stage::specimen).cloned();
+        let left_c = past.charge_left_c(self.executor.recorder, self.plan)?;
+        self.executor.take_over(latest, left_c);
         for (number, stage) in self.plan.stages.iter().enumerate().filter(|(number, _)| past.story.finished(*number)) {
             if let Purpose::Multisine(repeat) = stage.purpose {
                 self.gathered.measured.multisines.push(multisine::restore(self.executor.recorder, repeat)?);
@@ -71,7 +80,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             let sweeping = self.gathered.sweeping((fixture, repeat));
             sweeping.restore(self.executor.recorder, &points)?;
             let settled = sweeping.settle(self.executor.recorder, points.into_iter().map(|point| point.point.clone()).collect())?;
-            sweeping.flags(&settled.points, &mut |freq_hz, text| {
+            sweeping::flags(&settled.points, &mut |freq_hz, text| {
                 self.executor.recorder.known_point_warning(&sweeping.name, freq_hz, text);
             });
             self.finish((fixture, repeat), settled, true)?;
@@ -159,7 +168,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         let points = self.executor.stage(stage, entrance, &mut on_point).await?;
         let settled = sweeping.settle(self.executor.recorder, points)?;
         let recorder = &mut *self.executor.recorder;
-        let flagged = sweeping.flags(&settled.points, &mut |freq_hz, text| recorder.point_warning(&sweeping.name, freq_hz, text));
+        let flagged = sweeping::flags(&settled.points, &mut |freq_hz, text| recorder.point_warning(&sweeping.name, freq_hz, text));
         if of.1 > 0 {
             let entry = SweepEntry { flagged, ..sweeping.entry(&self.executor, (stage.1, start_time_s)) };
             self.executor.recorder.sweep(entry)?;

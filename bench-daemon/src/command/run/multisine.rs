@@ -3,16 +3,16 @@
 use std::fmt::Write as _;
 
 use analysis::{
-    dataset::{self, Role, SweepEntry},
+    dataset::{self, FlaggedPoint, Role, SweepEntry},
     multisine::Line,
     spectrum::{ImpedancePoint, Spectrum},
 };
 use instruments::mock::plant::Fixture;
 
-use super::Measured;
+use super::{Measured, sweeping};
 use crate::{
     command::Failure,
-    executor::{Entrance, Executor},
+    executor::{Entrance, Executor, SweepPoint},
     fixture_check,
     plan::{Stage, Step, fixture_name},
     record::Recorder,
@@ -23,6 +23,12 @@ use crate::{
 pub struct MultisineRun {
     /// The corrected spectrum.
     pub spectrum: Spectrum,
+    /// The same with the noise of its own records only.
+    pub own_noise: Spectrum,
+    /// Degrees of freedom of that noise: it is found from the bins between the harmonics.
+    pub noise_dof: f64,
+    /// What the quality gate refused to the end.
+    pub flagged: Vec<FlaggedPoint>,
     /// Its lines.
     pub lines: Vec<Line>,
     /// V/div of channels 1…4 at each line.
@@ -54,11 +60,26 @@ pub(super) async fn measure(
     }
     dataset::write_spectrum_parquet(&executor.recorder.path(&named("multisine.parquet", repeat)), &corrected)
         .map_err(crate::record::RecordError::from)?;
+    let recorder = &mut *executor.recorder;
+    let flagged = sweeping::flags(&points, &mut |freq_hz, text| recorder.point_warning("multisine", freq_hz, text));
+    let own = |point: &SweepPoint| {
+        let covariance = measured.correction.measured_parts(&point.phasors).into_iter().sum();
+        ImpedancePoint { covariance, ..measured.correction.apply(&point.phasors) }
+    };
+    let own_noise = Spectrum { name: experiment.name.clone(), points: points.iter().map(own).collect() };
     let spectrum = Spectrum { name: experiment.name.clone(), points: corrected };
     let volts_per_div = points.iter().map(|point| point.volts_per_div).collect();
-    let run = MultisineRun { spectrum, lines: std::mem::take(&mut executor.lines), volts_per_div, took_s };
+    let run = MultisineRun {
+        spectrum,
+        own_noise,
+        noise_dof: noise_dof(stage),
+        flagged,
+        lines: std::mem::take(&mut executor.lines),
+        volts_per_div,
+        took_s,
+    };
     executor.recorder.json(&named("multisine.json", repeat), &run)?;
-    let entry = entry(executor, (stage, repeat), (start_s, measured));
+    let entry = SweepEntry { flagged: run.flagged.clone(), ..entry(executor, (stage, repeat), (start_s, measured)) };
     executor.recorder.sweep(entry)?;
     Ok(run)
 }
@@ -76,6 +97,7 @@ fn entry(executor: &Executor<'_>, (stage, repeat): (&Stage, usize), (start_time_
     SweepEntry {
         file: named("multisine.csv", repeat),
         fixture: fixture_name(Fixture::Cell).to_owned(),
+        cell: None,
         fixture_ohm: None,
         corrected: measured.correction.reduced_chi2.is_some(),
         amplitude_a: stage.steps.iter().find_map(driven).unwrap_or(f64::NAN),
@@ -88,6 +110,12 @@ fn entry(executor: &Executor<'_>, (stage, repeat): (&Stage, usize), (start_time_
         repeat_group: "multisine".to_owned(),
         flagged: Vec::new(),
     }
+}
+
+/// Between a line and its neighbours on either side lie a bin less than there are periods, of two parts each.
+fn noise_dof(stage: &Stage) -> f64 {
+    let of = |step: &Step| if let Step::Multisine(band) = step { Some(4.0 * (band.periods() - 1.0)) } else { None };
+    stage.steps.iter().filter_map(of).fold(f64::INFINITY, f64::min)
 }
 
 /// A file of the first repeat is called as it is, of a further one with its number.

@@ -9,9 +9,10 @@ use crate::{
     bench::Bench,
     command::Failure,
     config::{Copies, Experiment, Source, resolve_experiment},
+    executor::charge_of,
     hash,
     journal::{self, ConfigCopy, Entry, Read, Started},
-    plan::{Plan, Step},
+    plan::{Plan, Purpose, Stage, Step},
     procedure, reconcile,
     record::Recorder,
     story::{Next, Story},
@@ -61,6 +62,8 @@ impl Past {
             Step::Trace(trace) => index.traces.iter().any(|known| known.name == trace.name && known.repeat == trace.repeat),
             _ => false,
         };
+        // A world in virtual time is played again from its beginning: nothing of its charge is unknown.
+        let accept_charge = accept_charge || story.started.time == TimeMode::Virtual.to_string();
         let next = story.next(plan.plan(), recorded, accept_charge).map_err(|stuck| usage(stuck.to_string()))?;
         Ok((experiment, Self { read, story, next }))
     }
@@ -77,6 +80,21 @@ impl Past {
     /// The run began on a simulated bench, or with a correction, of runs before it.
     pub(crate) fn inherited(&self) -> bool {
         self.story.started.inherited
+    }
+
+    /// Charge that traces have left in the cell in the jig since it was brought to a state of charge or taken into use, C.
+    pub(super) fn charge_left_c(&self, recorder: &Recorder, plan: &Plan) -> Result<f64, Failure> {
+        let Some(last) = recorder.index().traces.last() else { return Ok(0.0) };
+        let latest = self.story.latest.and_then(|number| plan.stages.get(number));
+        let same_cell = latest.and_then(Stage::specimen).is_none_or(|specimen| last.cell.as_deref() == Some(specimen.name.as_str()));
+        let resets = |stage: &Stage| matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc);
+        let began = |number: usize| self.story.stages.get(&number).map(|story| story.began_s);
+        let reset = plan.stages.iter().enumerate().filter(|(_, stage)| resets(stage)).filter_map(|(number, _)| began(number));
+        if !same_cell || reset.fold(f64::NEG_INFINITY, f64::max) > last.start_time_s {
+            return Ok(0.0);
+        }
+        let rows = analysis::dataset::read_trace_csv(&recorder.path(&last.file)).map_err(crate::record::RecordError::from)?;
+        Ok(last.charge_before_c + charge_of(&rows))
     }
 
     /// Says in the run folder that the run goes on, and where.

@@ -16,6 +16,7 @@ use crate::{
     command::Failure,
     config::Experiment,
     custody::Custody,
+    doctor,
     journal::Entry,
     operator::Operator,
     plan::Checked,
@@ -133,11 +134,25 @@ impl Run<'_> {
     async fn open(&mut self, connections: &Connections) -> Result<(Bench, Vec<Identified>), Failure> {
         let mut bench = Bench::open(&self.experiment.bench, connections).await?;
         let identities = bench.identify_strictly().await?;
+        self.doctored(&identities)?;
         self.manifest(&identities, "running")?;
         if self.past.is_some() {
             self.reconcile(&mut bench).await?;
         }
         Ok((bench, identities))
+    }
+
+    /// A bench that no report of the doctor speaks for is remarked, or refused where its file wants one.
+    fn doctored(&mut self, identities: &[Identified]) -> Result<(), Failure> {
+        let config = &self.experiment.bench;
+        let source = self.experiment.sources.iter().find(|source| source.path() == config.path);
+        let Some(why) = doctor::standing(config, source.map_or("", |source| source.text()), identities) else { return Ok(()) };
+        let what = format!("{why}; `eis-bench doctor {}` looks at it", config.path.display());
+        if config.doctor.required {
+            return Err(Failure::Usage(format!("the bench file requires a report of the doctor: {what}")));
+        }
+        self.recorder.warning(&what);
+        Ok(())
     }
 
     /// The reason for the end outweighs a manifest that cannot be written.

@@ -138,6 +138,7 @@ fn summary(
         }
     }
     lines.extend(measured.multisines.iter().map(super::multisine::in_words));
+    lines.extend(validity::multisine_verdict(measured).map(|verdict| verdict.text));
     lines.extend(linearity_in_words(measured).map(|(_, text)| text));
     lines.extend(budget.map(Budget::in_words).into_iter().flatten().map(|line| format!("{first_of}{line}")));
     lines.extend(campaign.map(str::to_owned));

@@ -132,7 +132,7 @@ fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
         Some(scenario) => Simulation::of(scenario, experiment.seed)?,
         None => Simulation::new(&section.scenario, experiment.seed)?,
     };
-    Ok(Some(simulation.with_faults(section.faults.clone())))
+    Ok(Some(simulation.with_faults(section.faults.clone()).with_quirks(section.quirks.clone())))
 }
 
 /// A sweep that begins with a person changing the fixture must not fail in the middle of the night for want of one.

@@ -39,7 +39,7 @@ impl StopSignals {
 }
 
 /// A panic while the outputs are on must not keep them on: it becomes a failure like any other.
-pub(super) async fn caught<T>(work: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
+pub(crate) async fn caught<T>(work: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
     let mut work = Box::pin(work);
     std::future::poll_fn(move |context| {
         std::panic::catch_unwind(AssertUnwindSafe(|| work.as_mut().poll(context))).unwrap_or_else(|panic| {

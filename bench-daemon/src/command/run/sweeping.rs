@@ -104,19 +104,6 @@ impl<'a> Sweeping<'a> {
         Ok(Settled { points, spectrum: named(corrected), own_noise: named(own) })
     }
 
-    /// What the quality gate refused to the end: told, and in words of the index.
-    pub(super) fn flags(&self, points: &[SweepPoint], tell: &mut dyn FnMut(f64, &str)) -> Vec<FlaggedPoint> {
-        let mut flagged = Vec::new();
-        for point in points.iter().filter(|point| !point.failing.is_empty()) {
-            let freq_hz = point.phasors.freq_hz;
-            for failing in &point.failing {
-                tell(freq_hz, &format!("flagged by the quality gate after {} records: {}", point.captures, failing.criterion));
-            }
-            flagged.push(FlaggedPoint { freq_hz, reasons: point.failing.iter().map(ToString::to_string).collect() });
-        }
-        flagged
-    }
-
     /// Makes the tables what the finished points say.
     pub(super) fn restore(&self, recorder: &mut Recorder, known: &[&PointDone]) -> Result<(), RecordError> {
         recorder.check_captures(known)?;
@@ -154,6 +141,7 @@ impl<'a> Sweeping<'a> {
         SweepEntry {
             file: self.indexed().to_owned(),
             fixture: fixture_name(self.fixture).to_owned(),
+            cell: self.run.as_ref().map(|run| run.cell.name.clone()),
             fixture_ohm: (!cell).then_some(fixture_check::known(&experiment.bench, self.fixture).r_ohm),
             corrected: self.correction.reduced_chi2.is_some(),
             amplitude_a,
@@ -167,4 +155,17 @@ impl<'a> Sweeping<'a> {
             flagged: Vec::new(),
         }
     }
+}
+
+/// What the quality gate refused to the end: told, and in words of the index.
+pub(super) fn flags(points: &[SweepPoint], tell: &mut dyn FnMut(f64, &str)) -> Vec<FlaggedPoint> {
+    let mut flagged = Vec::new();
+    for point in points.iter().filter(|point| !point.failing.is_empty()) {
+        let freq_hz = point.phasors.freq_hz;
+        for failing in &point.failing {
+            tell(freq_hz, &format!("flagged by the quality gate after {} records: {}", point.captures, failing.criterion));
+        }
+        flagged.push(FlaggedPoint { freq_hz, reasons: point.failing.iter().map(ToString::to_string).collect() });
+    }
+    flagged
 }

@@ -34,8 +34,9 @@ impl Check<'_> {
     /// The rows, and the file that they come from.
     pub(super) fn rows(&self, raw: &raw::Trace) -> Result<(Vec<Row>, Option<Source>), ConfigError> {
         let field = |part: &str| format!("traces.{}.{part}", raw.name);
-        let (part, mut rows, source) = match (&raw.segments, &raw.file) {
-            (Some(list), None) => {
+        let (part, mut rows, source) = match (&raw.segments, &raw.file, &raw.pulses) {
+            (None, None, Some(pulses)) => ("pulses", self.pulses(&field("pulses"), pulses)?, None),
+            (Some(list), None, None) => {
                 let row = |raw: &raw::Segment| match (raw.current, raw.power) {
                     (Some(current), None) => Ok(Row { value: current.si, power: false, duration_s: raw.duration.si }),
                     (None, Some(power)) => Ok(Row { value: power.si, power: true, duration_s: raw.duration.si }),
@@ -43,12 +44,16 @@ impl Check<'_> {
                 };
                 ("segments", list.iter().map(row).collect::<Result<Vec<_>, _>>()?, None)
             }
-            (None, Some(file)) => {
+            (None, Some(file), None) => {
                 let source =
                     self.source.open(&self.source.relative(file)).map_err(|error| self.complain(&field("file"), error.to_string()))?;
                 ("file", table(&source)?, Some(source))
             }
-            _ => return Err(self.complain(&field("segments"), "expected segments or a file of them, and not both")),
+            _ => {
+                return Err(
+                    self.complain(&field("segments"), "expected segments or a file of them, and not both, or pulses in their place")
+                );
+            }
         };
         if rows.is_empty() {
             return Err(self.complain(&field(part), "expected at least one segment, found none"));
@@ -56,6 +61,19 @@ impl Check<'_> {
         let scale = self.within(&field("scale"), raw.scale.unwrap_or(1.0), (-1.0e3, 1.0e3), "(factor)")?;
         rows.iter_mut().for_each(|row| row.value *= scale);
         Ok((rows, source))
+    }
+
+    /// Each amplitude out of the cell and into it, with a relaxation behind either.
+    fn pulses(&self, field: &str, raw: &raw::Pulses) -> Result<Vec<Row>, ConfigError> {
+        let row = |value: f64, duration_s: f64| Row { value, power: false, duration_s };
+        let mut rows = Vec::new();
+        for amplitude in &raw.amplitudes {
+            let amps = self.within(&format!("{field}.amplitudes"), amplitude.si, (1.0e-3, 1.0e3), "A")?;
+            for current_a in [-amps, amps] {
+                rows.extend([row(current_a, raw.duration.si), row(0.0, raw.relaxation.si)]);
+            }
+        }
+        Ok(rows)
     }
 }
 

@@ -20,6 +20,8 @@ const LONGEST_S: f64 = 86_400.0;
 const TAIL_S: f64 = 4.0;
 /// The scope looks for so long behind a wave, s.
 pub(crate) const AFTER_WAVE_S: f64 = 1.0;
+/// Times of rows are differences of rounded ones: a nanosecond is none.
+const GRID_PER_S: f64 = 1.0e9;
 /// A row may be off whole steps by this share of one.
 const WHOLE: f64 = 1.0e-3;
 
@@ -62,7 +64,7 @@ impl Check<'_> {
         let generator = self.bench.instruments.generator.as_ref().map_or("", |generator| generator.model.as_str());
         let most = by_key(generator::DIALECTS, generator).and_then(|dialect| dialect.wave_steps());
         let most = most.ok_or_else(|| format!("expected a generator that plays waves, found {generator}"))?;
-        let step_s = rows.iter().map(|row| row.duration_s).fold(f64::INFINITY, f64::min);
+        let step_s = (rows.iter().map(|row| row.duration_s).fold(f64::INFINITY, f64::min) * GRID_PER_S).round() / GRID_PER_S;
         for (index, row) in rows.iter().enumerate() {
             let steps = row.duration_s / step_s;
             if (steps - steps.round()).abs() > WHOLE {

@@ -71,8 +71,10 @@ fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
     match app.server.tokens.whose(secret).map_err(unavailable)? {
         Some(token) => Ok((token, Some(secret.to_owned()))),
         None => {
-            if let Some(Peer(peer)) = parts.extensions.get::<Peer>() {
-                app.guesses.take(*peer, app.server.clock.now_s());
+            let peer = parts.extensions.get::<Peer>().map(|peer| peer.0);
+            // Who has a token is let in all the same: nobody is to be shut out by a neighbour.
+            if peer.is_some_and(|peer| !app.guesses.take(peer, app.server.clock.now_s())) {
+                return Err(Refusal::of(StatusCode::TOO_MANY_REQUESTS, "expected fewer tokens that are none of this server's"));
             }
             Err(Refusal::of(StatusCode::UNAUTHORIZED, "expected a token of this server, found another one"))
         }

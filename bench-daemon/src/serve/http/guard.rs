@@ -26,7 +26,7 @@ use super::{
 #[derive(Debug, Clone, Copy)]
 pub struct Peer(pub IpAddr);
 
-/// Wrong tokens of one peer per second in the long run, and at once.
+/// Wrong tokens of one peer, and attempts of one without any that are written down, per second in the long run and at once.
 pub const GUESSES: (f64, f64) = (0.5, 20.0);
 /// So many peers are remembered.
 const PEERS: usize = 10_000;
@@ -50,19 +50,6 @@ impl Rate {
 
     /// Takes one; whether there was one.
     pub fn take(&self, peer: IpAddr, now_s: f64) -> bool {
-        self.with(peer, now_s, |left| {
-            let enough = *left >= 1.0;
-            *left -= if enough { 1.0 } else { 0.0 };
-            enough
-        })
-    }
-
-    /// Whether there is one.
-    pub fn left(&self, peer: IpAddr, now_s: f64) -> bool {
-        self.with(peer, now_s, |left| *left >= 1.0)
-    }
-
-    fn with(&self, peer: IpAddr, now_s: f64, act: impl FnOnce(&mut f64) -> bool) -> bool {
         let mut buckets = self.buckets.lock().unwrap_or_else(PoisonError::into_inner);
         if buckets.len() > PEERS {
             // Who has not been seen for so long has a full one again.
@@ -71,7 +58,9 @@ impl Rate {
         let (left, seen_s) = buckets.entry(peer).or_insert((self.burst, now_s));
         *left = (*left + (now_s - *seen_s) * self.per_s).min(self.burst);
         *seen_s = now_s;
-        act(left)
+        let enough = *left >= 1.0;
+        *left -= if enough { 1.0 } else { 0.0 };
+        enough
     }
 }
 
@@ -87,7 +76,10 @@ pub async fn guard(State(app): State<App>, mut request: Request, next: Next) -> 
     };
     let response = dressed(response).await;
     app.server.counts.answered(response.status().as_u16());
-    if !matches!(method, Method::GET | Method::HEAD | Method::OPTIONS) {
+    let known = named.0.get().is_some();
+    // Somebody whom nobody knows must not fill the disk with their attempts.
+    let noted = known || app.strangers.take(peer, app.server.clock.now_s());
+    if noted && !matches!(method, Method::GET | Method::HEAD | Method::OPTIONS) {
         let code = response.extensions().get::<Code>().map_or_else(String::new, |code| format!(" {}", code.0));
         let outcome = format!("{}{code}", response.status().as_u16());
         let who = named.0.get().map_or("-", String::as_str);
@@ -102,7 +94,7 @@ async fn admit(app: &App, peer: IpAddr, request: Request) -> Result<Request, Ref
     let (now_s, limits) = (app.server.clock.now_s(), &app.server.settings.limits);
     // Nobody is told that they stop too often.
     let stop = request.method() == Method::POST && request.uri().path().ends_with("/stop");
-    if !stop && !(app.rate.take(peer, now_s) && app.guesses.left(peer, now_s)) {
+    if !stop && !app.rate.take(peer, now_s) {
         return Err(Refusal::of(StatusCode::TOO_MANY_REQUESTS, "expected fewer requests, found more than this server bears from one peer"));
     }
     if request.uri().path_and_query().is_some_and(|path| path.as_str().len() > 2048) {
@@ -189,7 +181,7 @@ mod tests {
         let rate = Rate::new(2.0, 3.0);
         let (a, b) = (IpAddr::from([10, 0, 0, 1]), IpAddr::from([10, 0, 0, 2]));
         assert_eq!([0.0, 0.0, 0.0, 0.0, 0.4, 0.6].map(|now_s| rate.take(a, now_s)), [true, true, true, false, false, true]);
-        assert!(rate.take(b, 0.6) && rate.left(b, 0.6) && !rate.left(a, 0.6));
+        assert!(rate.take(b, 0.6) && !rate.take(a, 0.6));
     }
 
     #[test]

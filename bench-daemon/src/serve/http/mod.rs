@@ -33,14 +33,17 @@ pub struct App {
     pub rate: Arc<Rate>,
     /// Wrong tokens by peer.
     pub guesses: Arc<Rate>,
+    /// Attempts of peers without a token, as far as they are written down.
+    pub strangers: Arc<Rate>,
 }
 
 impl App {
     /// The handlers' share of a server.
     pub fn of(server: &Arc<Server>) -> Self {
         let limits = server.settings.limits;
-        let (rate, guesses) = (Rate::new(limits.requests_per_s, limits.burst), Rate::new(guard::GUESSES.0, guard::GUESSES.1));
-        Self { server: server.clone(), rate: Arc::new(rate), guesses: Arc::new(guesses) }
+        let few = || Arc::new(Rate::new(guard::GUESSES.0, guard::GUESSES.1));
+        let rate = Arc::new(Rate::new(limits.requests_per_s, limits.burst));
+        Self { server: server.clone(), rate, guesses: few(), strangers: few() }
     }
 }
 

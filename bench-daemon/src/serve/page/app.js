@@ -262,6 +262,7 @@ async function begin() {
 }
 
 $("stop").addEventListener("click", stop);
+window.addEventListener("resize", drawSpectra);
 $("leave").addEventListener("click", () => { useToken(""); location.reload(); });
 $("bench").addEventListener("change", async () => {
   known.bench = $("bench").value;

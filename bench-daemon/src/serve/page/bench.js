@@ -69,7 +69,9 @@ function bar(limit) {
   const range = `${least === null ? "…" : fixed(least, digits)} to ${fixed(greatest, digits)} ${unit}`;
   const share = margin === null ? 1 : margin / ((greatest - low) / 2);
   const level = margin !== null && margin < 0 ? "bad" : share < 0.1 ? "near" : "fine";
-  const words = margin === null ? "no reading" : margin < 0 ? `▲ beyond by ${fixed(-margin, digits)} ${unit}` : `${level === "near" ? "▲ only " : ""}${fixed(margin, digits)} ${unit} left`;
+  const by = unit === "°C" ? "K" : unit;
+  const end = least === null || greatest - value <= value - least ? "upper" : "lower";
+  const words = margin === null ? "no reading" : margin < 0 ? `▲ beyond by ${fixed(-margin, digits)} ${by}` : `${level === "near" ? "▲ only " : ""}${fixed(margin, digits)} ${by} left to the ${end} limit`;
   const at = value === null ? null : Math.max(0, Math.min(100, (100 * (value - low)) / (greatest - low)));
   const meter = el("div", { class: `meter ${level}`, role: "img", "aria-label": `${quantity}: ${words} of ${range}` });
   if (at !== null) {
@@ -110,10 +112,11 @@ export function drawInstruments(live) {
   const going = live.run && live.run.going;
   $("instrumentrows").replaceChildren(...live.instruments.map((one) => {
     const output = one.output === true ? el("b", { class: "on" }, "● ON") : one.output === false ? el("span", { class: "off" }, "○ off") : "–";
-    const age = one.answered_s === null ? "–" : going ? `${duration(Math.max(0, now - one.answered_s))} ago` : "not connected";
+    const age = one.answered_s === null ? "–" : going ? `${duration(Math.max(0, now - one.answered_s))} ago` : "in the last run";
     const who = one.identity ? `${one.model}${one.recognised === false ? " ✕ another model answers" : ""}` : `${one.model} (not asked yet)`;
-    return el("tr", { class: one.trouble ? "trouble" : "" }, el("th", { scope: "row" }, one.role), el("td", {}, output),
-      el("td", { title: one.identity || "" }, who, el("small", {}, one.address)), el("td", {}, one.trouble ? `▲ ${one.trouble}` : age));
+    const answer = one.trouble ? `▲ ${one.trouble}` : one.answered_s === null ? age : `answered ${age}`;
+    return el("tr", { class: one.trouble ? "trouble" : "" }, el("th", { scope: "row" }, one.role), el("td", {}, output, el("small", {}, answer)),
+      el("td", { title: one.identity || "" }, who, el("small", {}, one.address)));
   }));
 }
 

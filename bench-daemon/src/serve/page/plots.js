@@ -40,10 +40,21 @@ function ticks(least, greatest, wanted) {
 function decades(least, greatest) {
   const found = [];
   for (let power = Math.floor(Math.log10(least)); power <= Math.ceil(Math.log10(greatest)); power += 1) found.push(10 ** power);
-  return found.filter((value) => value >= least * 0.999 && value <= greatest * 1.001);
+  const inside = (values) => values.filter((value) => value >= least * 0.999 && value <= greatest * 1.001);
+  const whole = inside(found);
+  return whole.length > 2 ? whole : inside(found.flatMap((value) => [value, 2 * value, 5 * value]));
 }
 
-const short = (value) => (Math.abs(value) >= 1000 ? `${value / 1000}k` : String(Number(value.toPrecision(6))));
+const short = (value) => (Math.abs(value) >= 1000 ? `${value / 1000}k` : String(Number(value.toPrecision(6)))).replace("-", "−");
+
+// As wide as it is shown, so that letters have their size on a phone too.
+function reset(svg) {
+  const width = Math.max(280, Math.round(svg.clientWidth || 480));
+  const height = Math.round(Math.min(420, Math.max(280, 0.72 * width)));
+  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  svg.replaceChildren();
+  return [width, height];
+}
 
 // A frame with axes. `x` and `y`: { range, ticks, title }; returns the group to draw in and the two scales.
 function frame(svg, box, x, y) {
@@ -97,8 +108,7 @@ const say = (p) => `${p.freq_hz.toPrecision(4)} Hz: ${(1e3 * p.re_ohm).toPrecisi
 
 // −Im over Re in mΩ, the same scale on both axes.
 export function nyquist(svg, curves) {
-  const [width, height] = [480, 360];
-  reset(svg, width, height);
+  const [width, height] = reset(svg);
   const all = curves.flatMap((one) => one.points);
   if (!all.length) return empty(svg, width, height, "no point yet");
   const box = [58, 14, width - 72, height - 64];
@@ -126,8 +136,7 @@ export function nyquist(svg, curves) {
 
 // |Z| and phase over frequency.
 export function bode(svg, curves) {
-  const [width, height] = [480, 360];
-  reset(svg, width, height);
+  const [width, height] = reset(svg);
   const all = curves.flatMap((one) => one.points);
   if (!all.length) return empty(svg, width, height, "no point yet");
   const freqs = all.map((p) => p.freq_hz);
@@ -145,9 +154,4 @@ export function bode(svg, curves) {
     curve(svg, one.points.map((p) => [ux(p.freq_hz), uy(abs(p)), say(p)]), one.index ?? index);
     curve(svg, one.points.map((p) => [lx(p.freq_hz), ly(angle(p)), say(p)]), one.index ?? index);
   });
-}
-
-function reset(svg, width, height) {
-  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  svg.replaceChildren();
 }

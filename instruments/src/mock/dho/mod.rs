@@ -15,6 +15,7 @@ use super::{
     acquisition::{Acquisition, Edge, Mode, View},
     number::short_nr3,
     plant::SharedPlant,
+    quirks::Quirks,
     tree::{Answer, Argument, Arguments, Fallible, exchange, fail, text},
     world::World,
 };
@@ -41,6 +42,7 @@ pub(super) struct Dho {
     world: World,
     serial_number: String,
     page_points: usize,
+    quirks: Quirks,
     panel: Panel,
     acquisition: Acquisition<Panel>,
     transfer: Transfer,
@@ -96,6 +98,12 @@ struct Transfer {
     stop: u64,
 }
 
+impl Default for Transfer {
+    fn default() -> Self {
+        Self { source: 0, raw: false, words: false, start: 1, stop: 1000 }
+    }
+}
+
 impl Panel {
     fn power_on() -> Self {
         let channel =
@@ -146,10 +154,11 @@ impl Dho {
         Self {
             world: World::new(plant, options.since_s),
             serial_number: options.serial_number.clone(),
-            page_points: options.page_points.max(1),
+            page_points: options.quirks.count("page_points").max(1),
+            quirks: options.quirks.clone(),
             panel: Panel::power_on(),
-            acquisition: Acquisition::power_on(),
-            transfer: Transfer { source: 0, raw: false, words: false, start: 1, stop: 1000 },
+            acquisition: Acquisition::power_on(options.quirks.number("stop_delay")),
+            transfer: Transfer::default(),
         }
     }
 
@@ -280,7 +289,7 @@ impl Dho {
         text(match self.acquisition.mode {
             _ if !self.acquisition.running => "STOP",
             Mode::Auto => "AUTO",
-            _ if new => "TD",
+            _ if new || (self.acquisition.frame.is_some() && !self.quirks.is("flash")) => "TD",
             _ if self.acquisition.frame.is_some() => "RUN",
             _ => "WAIT",
         })
@@ -311,6 +320,12 @@ impl scpi::Device for Dho {
 impl Device for Dho {
     fn terminator(&self) -> Terminator {
         Terminator::Lf
+    }
+
+    fn connected(&mut self, _: f64) {
+        if !self.quirks.is("sticky_transfer") {
+            self.transfer = Transfer::default();
+        }
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {

@@ -106,7 +106,7 @@ pub(super) const TREE: Node<'static, Dho> = Root! {
     Leaf! {b"*CLS" => &set(common::ignore)},
     Leaf! {b"*OPC" => &both(common::ignore, common::opc_query)},
     Leaf! {b"RUN" => &set(|s, _| settle(s, |s| s.acquisition.run(s.world.now_s)))},
-    Leaf! {b"STOP" => &set(|s, _| settle(s, |s| s.acquisition.stop()))},
+    Leaf! {b"STOP" => &set(|s, _| settle(s, |s| s.acquisition.stop(s.world.now_s)))},
     Leaf! {b"SINGle" => &set(|s, _| settle(s, |s| s.acquisition.set_mode(Mode::Single, s.world.now_s)))},
     Leaf! {b"TFORce" => &set(|s, _| settle(s, |s| s.acquisition.force_trigger(s.world.now_s)))},
     channel! {b"CHANnel1", 0},

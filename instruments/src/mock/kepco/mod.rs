@@ -100,10 +100,13 @@ impl Kepco {
     pub(super) fn new(family: Family, plant: SharedPlant, options: &MockOptions) -> Self {
         let kepco = Self {
             world: World::new(plant, options.since_s),
-            status: Status::new(QUEUE_DEPTH),
+            status: Status::new(QUEUE_DEPTH).quirky(&options.quirks),
             family,
             serial_number: options.serial_number.clone(),
-            settings: Settings { off_mode: if options.off_active { "ACTIVE" } else { "BATTERY" }, ..Settings::power_on(rated(family)) },
+            settings: Settings {
+                off_mode: if options.quirks.is("off_active") { "ACTIVE" } else { "BATTERY" },
+                ..Settings::power_on(rated(family))
+            },
         };
         kepco.act();
         kepco
@@ -128,11 +131,7 @@ impl Kepco {
 
     fn set_level(&mut self, channel: Channel, value: f64) -> Fallible {
         let span = self.span(channel);
-        // Written so that not-a-number is refused as well.
-        if !(span.min..=span.max).contains(&value) {
-            return fail(ErrorCode::DataOutOfRange);
-        }
-        self.settings.level[channel as usize] = value;
+        self.settings.level[channel as usize] = self.status.bounded(value, (span.min, span.max))?;
         self.act();
         Ok(())
     }
@@ -140,11 +139,7 @@ impl Kepco {
     fn set_bounds(&mut self, which: Which, side: Side, value: f64) -> Fallible {
         let rated = rated(self.family)[which.channel() as usize];
         let ceiling = if matches!(which, Which::Protection(_)) { 1.01 * rated } else { rated };
-        let value = value.abs();
-        // Written so that not-a-number is refused as well.
-        if !(0.0..=ceiling * (1.0 + 1e-9)).contains(&value) {
-            return fail(ErrorCode::DataOutOfRange);
-        }
+        let value = self.status.bounded(value.abs(), (0.0, ceiling * (1.0 + 1e-9)))?;
         let bounds = self.bounds_mut(which);
         if side != Side::Negative {
             bounds.positive = value;

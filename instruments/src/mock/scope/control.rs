@@ -87,8 +87,12 @@ impl Scope {
             "VALue" => finite(arguments, "")?.clamp(1e-6, 1e6),
             _ => 1.0,
         };
+        let amperes = self.quirks.is("unit_after_probe");
         self.change(|panel| {
             let channel = &mut panel.channels[index];
+            if amperes {
+                channel.unit = "A";
+            }
             let ratio = factor / channel.probe;
             channel.probe = factor;
             channel.scale *= ratio;

@@ -23,6 +23,7 @@ use super::{
     Device, MockOptions,
     number::nr3,
     plant::SharedPlant,
+    quirks::Quirks,
     tree::{Answer, Fallible, HasStatus, Status, WRONG_FORM, exchange, text},
     world::World,
 };
@@ -50,6 +51,7 @@ pub(super) struct Scope {
     status: Status,
     serial_number: String,
     page_points: usize,
+    quirks: Quirks,
     panel: Panel,
     acquisition: Acquisition<Panel>,
     transfer: Transfer,
@@ -176,11 +178,12 @@ impl Scope {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         Self {
             world: World::new(plant, options.since_s),
-            status: Status::new(QUEUE_DEPTH),
+            status: Status::new(QUEUE_DEPTH).quirky(&options.quirks),
             serial_number: options.serial_number.clone(),
-            page_points: options.page_points.max(1),
+            page_points: options.quirks.count("page_points").max(1),
+            quirks: options.quirks.clone(),
             panel: Panel::power_on(),
-            acquisition: Acquisition::power_on(),
+            acquisition: Acquisition::power_on(options.quirks.number("stop_delay")),
             transfer: Transfer::default(),
             digits: 3,
             number_format: "CUSTom,3".to_owned(),
@@ -234,6 +237,12 @@ impl scpi::Device for Scope {
 impl Device for Scope {
     fn terminator(&self) -> Terminator {
         Terminator::Lf
+    }
+
+    fn connected(&mut self, _: f64) {
+        if !self.quirks.is("sticky_transfer") {
+            self.transfer = Transfer::default();
+        }
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {

@@ -55,7 +55,7 @@ const TRIGGER: Node<'static, Scope> = Branch! {b"TRIGger";
     },
     Leaf! {b"MODE" => &both(Scope::set_trigger_mode, Scope::trigger_mode)},
     Leaf! {b"RUN" => &set(|s, _| settle(s, |s| s.acquisition.run(s.world.now_s)))},
-    Leaf! {b"STOP" => &set(|s, _| settle(s, |s| s.acquisition.stop()))},
+    Leaf! {b"STOP" => &set(|s, _| settle(s, |s| s.acquisition.stop(s.world.now_s)))},
     Leaf! {b"STATus" => &get(|s: &mut Scope, _| text(s.trigger_status()))}
 };
 
@@ -81,8 +81,8 @@ const WAVEFORM: Node<'static, Scope> = Branch! {b"WAVeform";
         |s: &mut Scope, a| { s.transfer.big_endian = a.word(&["LSB", "MSB"])? == "MSB"; Ok(()) },
         |s, _| text(if s.transfer.big_endian { "MSB" } else { "LSB" }),
     )},
-    Leaf! {b"MAXPoint" => &get(|s: &mut Scope, _| text(s.page_points.to_string()))},
-    Leaf! {b"PREamble" => &get(|s: &mut Scope, _| Ok(s.preamble()))},
+    Leaf! {b"MAXPoint" => &get(|s: &mut Scope, _| text(s.announced_points().to_string()))},
+    Leaf! {b"PREamble" => &get(|s: &mut Scope, _| s.preamble())},
     Leaf! {b"DATA" => &get(|s: &mut Scope, _| Ok(s.data()))}
 };
 

@@ -6,7 +6,8 @@ use super::{
     descriptor::{Descriptor, LENGTH},
 };
 use crate::mock::plant::DigitiseRequest;
-use crate::mock::tree::Answer;
+use crate::mock::tree::{Answer, Fallible, fail};
+use scpi::error::ErrorCode;
 
 /// Sample words are ADC counts shifted left by this many bits.
 const JUSTIFY: u32 = 4;
@@ -23,13 +24,22 @@ impl Scope {
         channel.on.then_some((frame, channel))
     }
 
-    /// All zeros until there is something to describe.
-    pub(super) fn preamble(&self) -> Answer {
+    /// Points of a page by its own word.
+    pub(super) fn announced_points(&self) -> usize {
+        match self.quirks.count("announced_points") {
+            0 => self.page_points,
+            announced => announced,
+        }
+    }
+
+    /// All zeros until there is something to describe, or no answer at all.
+    pub(super) fn preamble(&self) -> Fallible<Answer> {
         let descriptor = match self.source_frame() {
             Some((frame, channel)) => Descriptor { frame: &frame, channel: &channel, transfer: &self.transfer }.bytes(),
-            None => vec![0; LENGTH],
+            None if self.quirks.is("zeroed_descriptor") => vec![0; LENGTH],
+            None => return fail(ErrorCode::DataCorruptOrStale),
         };
-        block(&descriptor)
+        Ok(block(&descriptor))
     }
 
     /// One page from the start point on.

@@ -43,7 +43,7 @@ pub(super) fn answer(device: &mut dyn Device, now_s: f64, message: &[u8]) -> (Ve
     let then = match trouble {
         Some(trouble) => put_badly(&mut steps, reply, (trouble, message)),
         None => {
-            put(&mut steps, reply, true);
+            put_in_two(&mut steps, reply, device.end_late_s());
             Then::Stay
         }
     };
@@ -54,6 +54,17 @@ fn put(steps: &mut Vec<Step>, bytes: Vec<u8>, end: bool) {
     if !bytes.is_empty() {
         steps.push(Step::Put { bytes, end });
     }
+}
+
+/// The last byte may come later than the others.
+fn put_in_two(steps: &mut Vec<Step>, mut reply: Vec<u8>, end_late_s: f64) {
+    if end_late_s > 0.0 && !reply.is_empty() {
+        let end = reply.split_off(reply.len() - 1);
+        put(steps, reply, false);
+        steps.push(Step::Wait(end_late_s));
+        reply = end;
+    }
+    put(steps, reply, true);
 }
 
 fn put_badly(steps: &mut Vec<Step>, mut reply: Vec<u8>, (Trouble { fault, share }, message): (Trouble, &[u8])) -> Then {

@@ -21,10 +21,11 @@ use crate::{
         fit::{bode_plot, model_curves},
         run::Measured,
     },
-    config::Experiment,
-    fixture_check,
+    config::{Experiment, Source},
+    fixture_check, hash,
     present::{branches_table, fit_warnings, models_table, significant},
     record::Recorder,
+    sums::SUMS,
 };
 
 /// A reduced χ² above this says that the model leaves something out.
@@ -95,7 +96,8 @@ fn page(
     (verdicts, figures, tables): (Vec<Verdict>, Vec<Figure>, Vec<Table>),
 ) -> Result<(), Failure> {
     let title = format!("{}: {} on bench {}", experiment.name, experiment.cell.name, experiment.bench.name);
-    let report = Report { title, verdicts, figures, tables, provenance: provenance(experiment) };
+    let files = experiment.sources.iter().map(|source| (source.path().display().to_string(), source.text().to_owned())).collect();
+    let report = Report { title, verdicts, figures, tables, provenance: provenance(experiment), files, ..Report::default() };
     let html = report.to_html().map_err(|error| Failure::Analysis(error.to_string()))?;
     Ok(recorder.text("report.html", &html)?)
 }
@@ -201,6 +203,7 @@ fn verdicts(recorder: &Recorder, measured: &Measured) -> Vec<Verdict> {
     verdicts.extend(super::linearity_in_words(measured).map(verdict));
     verdicts
         .extend(measured.multisines.iter().map(|run| Verdict { level: Level::Note, text: crate::command::run::multisine::in_words(run) }));
+    verdicts.extend(super::validity::multisine_verdict(measured));
     let through_channels = measured.spectra().next().is_some() || !measured.multisines.is_empty() || !recorder.index().traces.is_empty();
     if measured.controls.is_empty() && through_channels {
         let text =
@@ -332,8 +335,14 @@ fn provenance(experiment: &Experiment) -> Vec<(String, String)> {
             },
         ),
     ];
-    rows.extend(experiment.sources.iter().map(|source| ("file".to_owned(), source.path().display().to_string())));
-    rows.push(("instruments, files' hashes".to_owned(), "manifest.json beside this page".to_owned()));
+    let file = |source: &Source| ("file".to_owned(), format!("{}, SHA-256 {}", source.path().display(), hash::sha256(source.text())));
+    rows.extend(experiment.sources.iter().map(file));
+    rows.push(("instruments".to_owned(), "manifest.json beside this page".to_owned()));
+    rows.push(("all files' hashes".to_owned(), format!("{SUMS} beside this page; `eis-bench verify` holds the folder against them")));
+    rows.push((
+        "to repeat it".to_owned(),
+        "the files below, and `eis-bench run` with this seed; from the captures: `eis-bench replay`".to_owned(),
+    ));
     rows
 }
 

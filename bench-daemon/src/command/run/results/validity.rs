@@ -2,12 +2,15 @@
 
 use analysis::{
     report::{Figure, Level, Table, Verdict},
-    validity::{Assessed, Grade},
+    validity::{Assessed, Grade, Noise, assess_by},
 };
 
 use super::records;
 use crate::{
-    command::{Failure, kk, run::Measured},
+    command::{
+        Failure, kk,
+        run::{Measured, MultisineRun},
+    },
     config::Campaign,
 };
 
@@ -54,6 +57,32 @@ pub(super) fn judge(measured: &Measured, shunt_ohm: f64) -> Vec<Judged> {
         Judged { name, outcome: kk::tested(&tested, &records::records(points, shunt_ohm)) }
     };
     names.into_iter().zip(&measured.points).zip(&measured.own_noise).map(judged).collect()
+}
+
+/// The multisines of the cell, by Kramers–Kronig and Z-HIT; what their lines say of distortion is told with them.
+fn of_multisines(measured: &Measured) -> Vec<Judged> {
+    let judged = |(number, run): (usize, &MultisineRun)| {
+        let name = if measured.multisines.len() > 1 { format!("multisine {number}") } else { "multisine".to_owned() };
+        let noise = Noise::of(&run.own_noise, &[]).map(|noise| Noise { dof: Some(run.noise_dof), ..noise });
+        let outcome = noise.and_then(|noise| assess_by(&run.own_noise, &noise)).map_err(|error| error.to_string());
+        Judged { name, outcome }
+    };
+    (1..).zip(&measured.multisines).map(judged).collect()
+}
+
+/// The multisines in a line for report and summary; none where there is none.
+pub(super) fn multisine_verdict(measured: &Measured) -> Option<Verdict> {
+    let judged = of_multisines(measured);
+    let worst = judged.iter().map(Judged::rank).max()?;
+    let level = if worst == 0 {
+        Level::Good
+    } else if worst == 3 {
+        Level::Bad
+    } else {
+        Level::Note
+    };
+    let said: Vec<String> = judged.iter().map(|one| format!("{}: {}", one.name, one.in_words())).collect();
+    Some(Verdict { level, text: format!("Kramers–Kronig and Z-HIT, {}.", said.join("; ")) })
 }
 
 /// A line for report and summary.

@@ -8,27 +8,22 @@
 //! a source: voltages are set in steps of 0.1 mV and frequencies in steps of 1 µHz; the phase starts anew when the frequency, the phase, the wave
 //! type or the output changes, and runs on when an amplitude or an offset changes.
 
-use std::{collections::BTreeMap, f64::consts::SQRT_2, sync::Arc};
+mod channel;
 
-use scpi::{Branch, Leaf, Root, error::Error, parser::mnemonic_compare, tree::Node};
+use std::{collections::BTreeMap, sync::Arc};
+
+use scpi::{Branch, Leaf, Root, error::Error, tree::Node};
+
+use channel::{Channel, MIN_VPP};
 
 use super::{
     Device, MockOptions,
-    number::general,
-    plant::{Action, GeneratorState, SharedPlant},
-    tree::{Answer, Argument, Arguments, Fallible, both, common, exchange, get, set, text, to_number},
+    plant::{Action, SharedPlant},
+    tree::{Answer, Argument, Arguments, Fallible, both, common, exchange, get, set, text},
     world::World,
 };
 use crate::scpi::decode::Terminator;
 
-/// Source resistance, Ω.
-const SOURCE_OHM: f64 = 50.0;
-/// Highest open-circuit voltage, V; the greatest amplitude is twice that, peak to peak.
-const MAX_VOLTS: f64 = 10.0;
-/// Least amplitude into an open circuit, V peak to peak.
-const MIN_VPP: f64 = 2e-3;
-const FREQ_RANGE_HZ: (f64, f64) = (1e-6, 30e6);
-const LOAD_RANGE_OHM: (f64, f64) = (50.0, 100e3);
 /// The parser takes words of at most 12 characters; this key has 14.
 const LONG_KEY: &[u8] = b"MAX_OUTPUT_AMP";
 const SHORT_KEY: &[u8] = b"MAXOUTPUTAMP";
@@ -42,204 +37,6 @@ pub(super) struct Sdg {
     waves: BTreeMap<String, Arc<[f64]>>,
     /// The wave that each channel has chosen.
     chosen: [Option<String>; 2],
-}
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Channel {
-    constant: bool,
-    /// Plays the chosen wave.
-    arbitrary: bool,
-    /// A loaded wave is chosen.
-    has_wave: bool,
-    freq_hz: f64,
-    /// Open-circuit amplitude, V peak to peak.
-    amplitude_vpp: f64,
-    /// Open-circuit offset, V.
-    offset_v: f64,
-    phase_deg: f64,
-    /// Open-circuit ceiling of the amplitude, V peak to peak.
-    max_vpp: f64,
-    output_on: bool,
-    /// `None`: high impedance.
-    load_ohm: Option<f64>,
-    inverted: bool,
-    since_s: f64,
-}
-
-impl Default for Channel {
-    fn default() -> Self {
-        Self {
-            constant: false,
-            arbitrary: false,
-            has_wave: false,
-            freq_hz: 1000.0,
-            amplitude_vpp: 4.0,
-            offset_v: 0.0,
-            phase_deg: 0.0,
-            max_vpp: 2.0 * MAX_VOLTS,
-            output_on: false,
-            load_ohm: None,
-            inverted: false,
-            since_s: 0.0,
-        }
-    }
-}
-
-impl Channel {
-    /// What part of the open-circuit voltage stands at the assumed load.
-    fn divider(&self) -> f64 {
-        self.load_ohm.map_or(1.0, |load| load / (load + SOURCE_OHM))
-    }
-
-    /// Takes one key and value; what it does not understand it ignores.
-    fn set(&mut self, key: &str, value: &Argument) {
-        let is = |name: &str| key.eq_ignore_ascii_case(name);
-        let number = |unit: &str| to_number(value, unit).ok().filter(|number| number.is_finite());
-        let divider = self.divider();
-        if is("WVTP") {
-            self.set_wave(value);
-        } else if is("FRQ") {
-            self.set_frequency(number("HZ"));
-        } else if is("PERI") {
-            self.set_frequency(number("S").map(f64::recip));
-        } else if is("AMP") {
-            self.set_amplitude(number("V").map(|volts| volts / divider));
-        } else if is("AMPVRMS") {
-            self.set_amplitude(number("VRMS").map(|volts| volts * 2.0 * SQRT_2 / divider));
-        } else if is("OFST") {
-            self.set_offset(number("V").map(|volts| volts / divider));
-        } else if is("HLEV") {
-            let low = self.offset_v - self.amplitude_vpp / 2.0;
-            self.set_levels(low, number("V").map(|volts| volts / divider));
-        } else if is("LLEV") {
-            let high = self.offset_v + self.amplitude_vpp / 2.0;
-            self.set_levels(high, number("V").map(|volts| volts / divider));
-        } else if is("PHSE") {
-            self.phase_deg = number("DEG").map_or(self.phase_deg, |degrees| degrees.rem_euclid(360.0));
-        } else if key.as_bytes().eq_ignore_ascii_case(SHORT_KEY) {
-            self.max_vpp = number("V").map_or(self.max_vpp, |volts| (volts / divider).clamp(MIN_VPP, 2.0 * MAX_VOLTS));
-            self.set_amplitude(Some(self.amplitude_vpp));
-        }
-    }
-
-    fn set_wave(&mut self, value: &Argument) {
-        match value {
-            Argument::Word(word) if word.eq_ignore_ascii_case("SINE") => (self.constant, self.arbitrary) = (false, false),
-            Argument::Word(word) if word.eq_ignore_ascii_case("DC") => (self.constant, self.arbitrary) = (true, false),
-            Argument::Word(word) if word.eq_ignore_ascii_case("ARB") && self.has_wave => (self.constant, self.arbitrary) = (false, true),
-            _ => {}
-        }
-    }
-
-    fn set_frequency(&mut self, freq_hz: Option<f64>) {
-        if let Some(freq_hz) = freq_hz.filter(|freq_hz| freq_hz.is_finite()) {
-            self.freq_hz = (freq_hz * 1e6).round().max(0.0) / 1e6;
-            self.freq_hz = self.freq_hz.clamp(FREQ_RANGE_HZ.0, FREQ_RANGE_HZ.1);
-        }
-    }
-
-    fn set_amplitude(&mut self, vpp: Option<f64>) {
-        if let Some(vpp) = vpp {
-            let room = 2.0 * (MAX_VOLTS - self.offset_v.abs());
-            self.amplitude_vpp = step(vpp).min(self.max_vpp).min(room).max(MIN_VPP);
-        }
-    }
-
-    fn set_offset(&mut self, volts: Option<f64>) {
-        if let Some(volts) = volts {
-            let room = if self.constant { MAX_VOLTS } else { (MAX_VOLTS - self.amplitude_vpp / 2.0).max(0.0) };
-            self.offset_v = step(volts).clamp(-room, room);
-        }
-    }
-
-    fn set_levels(&mut self, kept: f64, moved: Option<f64>) {
-        if let Some(moved) = moved {
-            let moved = moved.clamp(-MAX_VOLTS, MAX_VOLTS);
-            self.offset_v = step((kept + moved) / 2.0);
-            self.set_amplitude(Some((kept - moved).abs()));
-        }
-    }
-
-    fn describe(&self) -> String {
-        let volts = |open: f64| general(open * self.divider(), 6);
-        let offset = volts(self.offset_v);
-        if self.constant {
-            return format!("WVTP,DC,MAX_OUTPUT_AMP,{}V,OFST,{offset}V", volts(self.max_vpp));
-        }
-        let half = self.amplitude_vpp / 2.0;
-        format!(
-            "WVTP,{},FRQ,{}HZ,PERI,{}S,AMP,{}V,AMPVRMS,{}Vrms,MAX_OUTPUT_AMP,{}V,OFST,{offset}V,HLEV,{}V,LLEV,{}V,PHSE,{}",
-            if self.arbitrary { "ARB" } else { "SINE" },
-            general(self.freq_hz, 12),
-            general(self.freq_hz.recip(), 6),
-            volts(self.amplitude_vpp),
-            general(self.amplitude_vpp * self.divider() / (2.0 * SQRT_2), 4),
-            volts(self.max_vpp),
-            volts(self.offset_v + half),
-            volts(self.offset_v - half),
-            general(self.phase_deg, 6),
-        )
-    }
-
-    fn describe_output(&self) -> String {
-        let load = self.load_ohm.map_or_else(|| "HZ".to_owned(), |load| general(load, 6));
-        format!("{},LOAD,{load},PLRT,{}", on_off(self.output_on), if self.inverted { "INVT" } else { "NOR" })
-    }
-
-    /// Takes `ON`, `OFF`, `LOAD,x` and `PLRT,x` in any number and order.
-    fn set_output(&mut self, arguments: &mut Arguments) {
-        while let Some(Argument::Word(word)) = arguments.next() {
-            if word.eq_ignore_ascii_case("ON") || word.eq_ignore_ascii_case("OFF") {
-                self.output_on = word.eq_ignore_ascii_case("ON");
-            } else if word.eq_ignore_ascii_case("LOAD") {
-                match arguments.next() {
-                    Some(Argument::Word(load)) if load.eq_ignore_ascii_case("HZ") => self.load_ohm = None,
-                    Some(load) => {
-                        let ohms = to_number(&load, "OHM").ok().filter(|ohms| ohms.is_finite());
-                        self.load_ohm = ohms.map_or(self.load_ohm, |ohms| Some(ohms.clamp(LOAD_RANGE_OHM.0, LOAD_RANGE_OHM.1)));
-                    }
-                    None => {}
-                }
-            } else if word.eq_ignore_ascii_case("PLRT") {
-                match arguments.next() {
-                    Some(Argument::Word(polarity)) if mnemonic_compare(b"NOR", polarity.as_bytes()) => self.inverted = false,
-                    Some(Argument::Word(polarity)) if mnemonic_compare(b"INVT", polarity.as_bytes()) => self.inverted = true,
-                    _ => {}
-                }
-            }
-        }
-    }
-
-    fn restarts_from(&self, old: &Self) -> bool {
-        let key = |channel: &Self| (channel.constant, channel.arbitrary, channel.freq_hz, channel.phase_deg, channel.output_on);
-        key(self) != key(old)
-    }
-
-    fn state(&self) -> GeneratorState {
-        if !self.output_on {
-            return GeneratorState::default();
-        }
-        let sign = if self.inverted { -1.0 } else { 1.0 };
-        let offset_v = sign * self.offset_v;
-        if self.constant {
-            return GeneratorState { offset_v, ..GeneratorState::default() };
-        }
-        GeneratorState {
-            offset_v,
-            amplitude_v: self.amplitude_vpp / 2.0,
-            freq_hz: self.freq_hz,
-            phase_rad: self.phase_deg.to_radians() + if self.inverted { std::f64::consts::PI } else { 0.0 },
-            since_s: self.since_s,
-        }
-    }
-}
-
-fn step(volts: f64) -> f64 {
-    (volts * 1e4).round() / 1e4
-}
-
-fn on_off(on: bool) -> &'static str {
-    if on { "ON" } else { "OFF" }
 }
 
 impl Sdg {

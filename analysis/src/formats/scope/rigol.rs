@@ -1,0 +1,61 @@
+//! Rigol's binary files (`.bin`): a file header, then for each channel a header, a data header and its samples as floats in volts.
+
+use std::fs::File;
+use std::path::Path;
+
+use super::raw::{Bytes, Form, Layout, RawFile};
+use super::{ScopeError, ScopeRecord};
+
+const KIND: &str = "Rigol binary";
+/// Waveforms of a file, at most: four channels, digital ones, results of mathematics.
+const MOST: u32 = 64;
+
+/// Opens a file that begins with `RG`.
+pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError> {
+    let wrong = |field, expected: &str, met: String| ScopeError::Layout {
+        file: path.to_owned(),
+        kind: KIND,
+        field,
+        expected: expected.to_owned(),
+        met,
+    };
+    let io = |source| ScopeError::Io { file: path.to_owned(), action: "open it", source };
+    // From version 3 on the sizes of file and buffer have eight bytes.
+    let (count, mut at, wide) = match &bytes.head().get(2..4) {
+        Some(b"01" | b"02" | b"10") => (bytes.u32(8), 12_u64, false),
+        Some(b"03") => (bytes.u32(12), 16_u64, true),
+        other => return Err(wrong("version", "01, 02, 03 or 10", format!("{other:?}"))),
+    };
+    if !(1..=MOST).contains(&count) {
+        return Err(wrong("number of waveforms", "1 to 64", count.to_string()));
+    }
+    let file = File::open(path).map_err(io)?;
+    let (mut channels, mut names, mut shape): (Vec<Layout>, Vec<String>, Option<(usize, f64)>) = (Vec::new(), Vec::new(), None);
+    for _ in 0..count {
+        let header = Bytes::at(path, &file, at)?;
+        let (size, points, interval_s) = (u64::from(header.u32(0)), header.u32(12) as usize, header.f64(32));
+        let data = Bytes::at(path, &file, at + size)?;
+        let (head, kind, width) = (u64::from(data.u32(0)), data.u16(4), data.u16(6));
+        let length = if wide { data.u64(8) } else { u64::from(data.u32(8)) };
+        if size < 100 || head < 12 || (at + size + head).saturating_add(length) > bytes.length {
+            return Err(wrong(
+                "waveform",
+                "headers and samples within the file",
+                format!("{size}, {head} and {length} bytes from {at} on"),
+            ));
+        }
+        // Digital channels and their like are passed over.
+        if width == 4 && kind <= 5 && (points as u64) * 4 <= length {
+            let shape = *shape.get_or_insert((points, interval_s));
+            if shape != (points, interval_s) || !(interval_s > 0.0) || points == 0 {
+                return Err(wrong("waveform", "samples as those of the first", format!("{points} samples every {interval_s} s")));
+            }
+            let level_v = Bytes::at(path, &file, at + size + head)?.f32(0);
+            channels.push(Layout { at: at + size + head, stride: 4, form: Form::Float, scale: None, lsb_v: None, level_v });
+            names.push(header.text(112, 16));
+        }
+        at += size + head + length;
+    }
+    let Some((samples, interval_s)) = shape else { return Err(wrong("waveforms", "at least one of samples in volts", "none".to_owned())) };
+    Ok(ScopeRecord { kind: KIND, interval_s, samples, names, raw: RawFile { path: path.to_owned(), file, channels } })
+}

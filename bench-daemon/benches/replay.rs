@@ -1,0 +1,31 @@
+//! How fast the captures of a campaign go through the present pipeline, beside what the disk and the decoder do with the same files.
+//!
+//! `cargo bench --profile dev -p bench-daemon` plays the campaign of `configs/experiments/campaign.toml` first; `-- FOLDER` takes a run that is there.
+
+use std::path::PathBuf;
+
+use bench_daemon::{
+    command::{replay::rates, run::run_experiment},
+    config::load_experiment,
+};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let named = std::env::args().skip(1).find(|word| !word.starts_with('-')).map(PathBuf::from);
+    let scratch = std::env::temp_dir().join(format!("eis-bench-bench-{}", std::process::id()));
+    let folder = match &named {
+        Some(folder) => folder.clone(),
+        None => {
+            let file = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/experiments/campaign.toml"));
+            run_experiment(&load_experiment(&file, None)?, &scratch)?;
+            scratch.clone()
+        }
+    };
+    let found = rates(&folder);
+    if named.is_none() {
+        std::fs::remove_dir_all(&scratch)?;
+    }
+    for line in found? {
+        eprintln!("{line}");
+    }
+    Ok(())
+}

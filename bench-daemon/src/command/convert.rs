@@ -1,0 +1,157 @@
+//! `eis-bench convert`: spectra, time series and models as the files of other programs, and theirs as the project's.
+
+use std::path::{Path, PathBuf};
+
+use analysis::{
+    dataset,
+    fit::ModelFile,
+    formats::{
+        SeriesOptions, SpectrumFormat, bdf_text,
+        model::{CellModel, ModelFormat},
+        read_series, read_spectra, spectrum_text, write_bdf_parquet,
+    },
+    ocv::OcvCurve,
+};
+use clap::Args;
+
+use super::{Failure, files};
+use crate::{record::RecordError, terminal::say};
+
+/// Half the slope of a curve that stands for a constant voltage, V: knots must rise.
+const FLAT_V: f64 = 1.0e-9;
+
+/// Arguments of `convert`.
+#[derive(Debug, Args)]
+pub struct ConvertArgs {
+    /// Spectra, time series or models, the format told by the content.
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// What to write.
+    #[arg(long, value_enum)]
+    pub to: To,
+    /// The folder to write into. Nothing that is there is written over.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// For a model: its open-circuit voltage, as `ocv --out` writes it.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["ocv_v", "capacity_ah"])]
+    pub ocv: Option<PathBuf>,
+    /// For a model: a constant open-circuit voltage, V.
+    #[arg(long, value_name = "V", requires = "capacity_ah")]
+    pub ocv_v: Option<f64>,
+    /// For a model: its capacity, Ah.
+    #[arg(long, value_name = "AH", requires = "ocv_v")]
+    pub capacity_ah: Option<f64>,
+    /// For a model: lowest voltage of the cell, V.
+    #[arg(long, value_name = "V", default_value_t = 2.5)]
+    pub low_v: f64,
+    /// For a model: highest voltage of the cell, V.
+    #[arg(long, value_name = "V", default_value_t = 4.2)]
+    pub high_v: f64,
+    /// For a model: temperature at which it was measured, °C.
+    #[arg(long, value_name = "C", default_value_t = 25.0)]
+    pub temperature_c: f64,
+}
+
+/// What can be written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum To {
+    /// Spectra as the project's CSV.
+    Csv,
+    /// Spectra as impedance.py's `f,re,im`.
+    ImpedancePy,
+    /// Spectra as Gamry's DTA.
+    Gamry,
+    /// Spectra as BioLogic EC-Lab's mpt.
+    Biologic,
+    /// Spectra as ZPlot's and ZView's z.
+    Zview,
+    /// Time series as BDF CSV.
+    BdfCsv,
+    /// Time series as BDF Parquet.
+    BdfParquet,
+    /// A model as a C header.
+    C,
+    /// A model as a PyBaMM parameter file.
+    Pybamm,
+    /// A model as a CasADi function of one step.
+    Casadi,
+}
+
+/// Converts files.
+///
+/// # Errors
+/// A file that is not what `--to` needs; a goal that is there already.
+pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
+    files::make_folder(&args.out)?;
+    args.files.iter().try_for_each(|file| match args.to {
+        To::Csv => spectra(args, file, None),
+        To::ImpedancePy => spectra(args, file, Some(SpectrumFormat::ImpedancePy)),
+        To::Gamry => spectra(args, file, Some(SpectrumFormat::Gamry)),
+        To::Biologic => spectra(args, file, Some(SpectrumFormat::BioLogic)),
+        To::Zview => spectra(args, file, Some(SpectrumFormat::ZView)),
+        To::BdfCsv | To::BdfParquet => series(args, file),
+        To::C => model(args, file, (ModelFormat::CHeader, ".h")),
+        To::Pybamm => model(args, file, (ModelFormat::PyBamm, "_pybamm.py")),
+        To::Casadi => model(args, file, (ModelFormat::CasAdi, "_casadi.py")),
+    })
+}
+
+fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> Result<(), Failure> {
+    for spectrum in read_spectra(file).map_err(|error| Failure::Usage(error.to_string()))? {
+        let path = free(args, &spectrum.name, format.map_or(".csv", SpectrumFormat::extension))?;
+        match format {
+            None => dataset::write_spectrum_csv(&path, &spectrum.points).map_err(RecordError::from)?,
+            Some(format) => write(&path, &spectrum_text(&spectrum, format))?,
+        }
+        say!("{}: {} points", path.display(), spectrum.points.len());
+    }
+    Ok(())
+}
+
+fn series(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
+    let series = read_series(file, &SeriesOptions::default()).map_err(|error| Failure::Usage(error.to_string()))?;
+    let stem = stem(file);
+    let path = free(args, stem.trim_end_matches(".bdf"), if args.to == To::BdfCsv { ".bdf.csv" } else { ".bdf.parquet" })?;
+    match args.to {
+        To::BdfCsv => write(&path, &bdf_text(&series))?,
+        _ => write_bdf_parquet(&path, &series).map_err(RecordError::from)?,
+    }
+    say!("{}: {} rows", path.display(), series.time_s.len());
+    Ok(())
+}
+
+fn model(args: &ConvertArgs, file: &Path, (format, ending): (ModelFormat, &str)) -> Result<(), Failure> {
+    let usage = |error: &dyn std::fmt::Display| Failure::Usage(format!("{}: {error}", file.display()));
+    let text = std::fs::read_to_string(file).map_err(|error| usage(&error))?;
+    let read = ModelFile::from_json(&text).map_err(|error| usage(&error))?;
+    let curve = match (&args.ocv, args.ocv_v, args.capacity_ah) {
+        (Some(path), ..) => Some(files::read_curve(path)?),
+        (None, Some(ocv_v), Some(capacity_ah)) => {
+            Some(OcvCurve::monotone(capacity_ah, vec![0.0, 1.0], vec![ocv_v - FLAT_V, ocv_v + FLAT_V]).map_err(|error| usage(&error))?)
+        }
+        _ => None,
+    };
+    let cell = CellModel::new(&read, curve, (args.low_v, args.high_v), args.temperature_c).map_err(|error| usage(&error))?;
+    let path = free(args, &stem(file), ending)?;
+    write(&path, &cell.text(format))?;
+    say!("{}: {} RC", path.display(), read.rc);
+    Ok(())
+}
+
+fn stem(file: &Path) -> String {
+    file.file_stem().map_or_else(|| "file".to_owned(), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// A file of the folder that is not there yet.
+fn free(args: &ConvertArgs, name: &str, ending: &str) -> Result<PathBuf, Failure> {
+    let safe: String = name.chars().map(|c| if c == '/' || c.is_control() { '_' } else { c }).collect();
+    let path = args.out.join(format!("{safe}{ending}"));
+    if path.exists() {
+        return Err(Failure::Usage(format!("{}: expected no such file, found one; choose another folder with --out", path.display())));
+    }
+    Ok(path)
+}
+
+fn write(path: &Path, text: &str) -> Result<(), Failure> {
+    Ok(dataset::write_atomically(path, text.as_bytes()).map_err(RecordError::from)?)
+}

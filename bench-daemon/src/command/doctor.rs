@@ -1,0 +1,314 @@
+//! `eis-bench doctor`: a bench examined before its first use, with a report that a person signs.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use clap::{Args, ValueEnum};
+use instruments::{
+    clock::{self, Clock, TimeMode},
+    mock::plant::Fixture,
+    transport::MemoryHub,
+};
+
+use crate::{
+    bench::{Bench, Connections},
+    command::{
+        Failure,
+        run::{StopSignals, caught},
+    },
+    config::{self, Source, load_any_bench},
+    custody::Custody,
+    doctor::{self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report, Verdict},
+    guardian::Charge,
+    hash,
+    operator::Operator,
+    plan::{Plan, fixture_name},
+    progress::Progress,
+    sim::Simulation,
+    state::{self, State},
+    survey::Any,
+    terminal::{remark, say},
+};
+
+/// Arguments of `doctor`.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// The bench file, or an experiment on it.
+    pub config: PathBuf,
+    /// The control that is clamped in the place of the cell. Without one nothing is energised, and the report is incomplete.
+    #[arg(long, value_name = "FIXTURE")]
+    pub fixture: Option<Control>,
+    /// The fixture is in the jig and the cell is not: I have looked.
+    #[arg(long)]
+    pub yes: bool,
+    /// Who signs the report [default: the account's name]
+    #[arg(long, value_name = "NAME")]
+    pub operator: Option<String>,
+    /// Folder of the report [default: doctor/BENCH-DATE]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print the report as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Take the bench, switch its output on at zero current, and stop: for the guardian to find.
+    #[arg(long, hide = true)]
+    pub hang: bool,
+}
+
+/// A control in the place of the cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "snake_case")]
+pub enum Control {
+    /// Both probe pairs on the current shunt.
+    Shunt,
+    /// The copper fake cell in the jig, C3 and C4 on its Kelvin contacts.
+    FakeCell,
+}
+
+impl Control {
+    fn fixture(self) -> Fixture {
+        match self {
+            Self::Shunt => Fixture::Shunt,
+            Self::FakeCell => Fixture::FakeCell,
+        }
+    }
+}
+
+/// Examines a bench and writes the report.
+///
+/// # Errors
+/// A mistake in the files; a bench that is in use; [`Failure::Doctor`] where a check failed; [`Failure::Unsafe`].
+pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
+    let config = load_any_bench(&args.config)?;
+    let source = Source::read(&config.path)?;
+    let fixture = args.fixture.map(Control::fixture);
+    let unix_s = clock::unix_time_s();
+    let folder = args.out.clone().unwrap_or_else(|| folder(&config.name, unix_s));
+    let mode = if config.in_process() { TimeMode::Virtual } else { config.time() };
+    let runtime = Clock::runtime(mode)?;
+    if args.hang {
+        let sha256 = hash::sha256(source.text());
+        return runtime.block_on(async { doctor::hold((&config, sha256), &Clock::start(mode), &folder).await });
+    }
+    confirmed(&config, args)?;
+    if fixture == Some(Fixture::FakeCell) && config.fake_cell.is_none() {
+        return Err(Failure::Usage("expected a section [controls.fake_cell] in the bench file, which says what it is".to_owned()));
+    }
+    let (findings, instruments) = runtime.block_on(async {
+        let clock = Clock::start(mode);
+        Box::pin(Visit { config: &config, clock, fixture, folder: &folder, text: source.text(), yes: args.yes }.go()).await
+    })?;
+    let outcome = outcome(&findings, fixture);
+    let report = Report {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        bench: config.name.clone(),
+        config_sha256: hash::sha256(source.text()),
+        operator: args.operator.clone().unwrap_or_else(state::who),
+        date: crate::present::utc(unix_s),
+        unix_s,
+        fixture: fixture.map(|fixture| fixture_name(fixture).to_owned()),
+        instruments,
+        outcome,
+        checks: findings.checks,
+        sha256: String::new(),
+    }
+    .sealed();
+    doctor::write(&report, &folder)?;
+    if let Some(state) = State::of(&config)? {
+        state.json(REPORT, &report)?;
+    }
+    tell(&report, &folder, args.json)
+}
+
+/// Nobody is to be surprised by a current.
+fn confirmed(config: &config::Bench, args: &DoctorArgs) -> Result<(), Failure> {
+    let device = matches!(config.instruments.jig, Some(config::Jig::Device(_)));
+    if args.fixture.is_none() || args.yes || device || Operator::detect() == Operator::Terminal {
+        return Ok(());
+    }
+    let text =
+        "expected a person at a terminal who confirms the fixture, or --yes: half an ampere is going to flow through what is in the jig";
+    Err(Failure::Usage(text.to_owned()))
+}
+
+fn folder(bench: &str, unix_s: f64) -> PathBuf {
+    let plain: String = crate::present::utc(unix_s).chars().filter(|c| c.is_ascii_digit() || *c == 'T').collect();
+    let name: String = bench.chars().map(|c| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '_' }).collect();
+    PathBuf::from("doctor").join(format!("{name}-{plain}"))
+}
+
+fn outcome(findings: &Findings, fixture: Option<Fixture>) -> Outcome {
+    match (findings.count(Verdict::Fail), fixture) {
+        (0, Some(_)) => Outcome::Passed,
+        (0, None) => Outcome::Incomplete,
+        _ => Outcome::Failed,
+    }
+}
+
+fn tell(report: &Report, folder: &Path, json: bool) -> Result<(), Failure> {
+    if json {
+        say!("{}", serde_json::to_string_pretty(report).map_err(|error| Failure::Analysis(error.to_string()))?);
+    } else {
+        for Check { id, expected, met, verdict, advice } in &report.checks {
+            let expected = if expected.is_empty() || *verdict == Verdict::Ok { String::new() } else { format!("; expected {expected}") };
+            say!("{:<8} {id:<22} {met}{expected}", verdict.word());
+            if !advice.is_empty() {
+                say!("{:<8} {:<22} → {advice}", "", "");
+            }
+        }
+        say!("report: {}", folder.join("doctor.html").display());
+    }
+    let failed: Vec<&str> = report.checks.iter().filter(|check| check.verdict == Verdict::Fail).map(|check| check.id.as_str()).collect();
+    if failed.is_empty() { Ok(()) } else { Err(Failure::Doctor(failed.join(", "))) }
+}
+
+struct Visit<'a> {
+    config: &'a config::Bench,
+    clock: Clock,
+    fixture: Option<Fixture>,
+    folder: &'a Path,
+    text: &'a str,
+    yes: bool,
+}
+
+impl Visit<'_> {
+    async fn go(self) -> Result<(Findings, Vec<Instrument>), Failure> {
+        let mut findings = Findings::default();
+        doctor::machine(&mut findings, (self.config, &self.clock), self.folder).await;
+        let hub = MemoryHub::new();
+        let simulation = self.config.simulation.as_ref().filter(|_| self.config.in_process());
+        let simulation = simulation.map(|section| Simulation::new(&section.scenario, 0)).transpose()?;
+        if let Some(simulation) = &simulation {
+            simulation.serve_in_process(self.config, &self.clock, &hub)?;
+        }
+        let connections = Connections { clock: self.clock.clone(), hub, taps: BTreeMap::new() };
+        let instruments = self.reach(&mut findings, &connections).await;
+        if findings.stopped().is_some() {
+            let ids: Vec<&str> = doctor::LIVE.into_iter().chain(["guardian.start", "guardian.lease"]).collect();
+            let why = format!("not after {}", findings.stopped().unwrap_or_default());
+            findings.skip(&ids, &why, "");
+            return Ok((findings, instruments));
+        }
+        let mut findings = self.guarded(findings, &connections).await?;
+        match self.fixture {
+            _ if self.config.in_process() => findings.skip(&["guardian.lease"], "the bench is simulated in this process", ""),
+            Some(fixture) if findings.stopped().is_none() => {
+                doctor::lease(&mut findings, (self.config, &self.clock), self.folder, fixture).await;
+            }
+            Some(_) => {
+                let why = format!("not after {}", findings.stopped().unwrap_or_default());
+                findings.skip(&["guardian.lease"], &why, "");
+            }
+            None => findings.skip(&["guardian.lease"], "no fixture in the jig", "give --fixture"),
+        }
+        Ok((findings, instruments))
+    }
+
+    /// Each instrument by itself, so that one that is silent does not hide the others.
+    async fn reach(&self, findings: &mut Findings, connections: &Connections) -> Vec<Instrument> {
+        let mut found = Vec::new();
+        for (role, instrument) in self.config.instruments.addressed() {
+            let one = config::Bench { instruments: self.config.instruments.only(role), ..self.config.clone() };
+            let said = match Bench::open(&one, connections).await.map(Any::of) {
+                Ok(mut any) => match any.first_mut() {
+                    Some((_, any)) => any.say(|identity| instrument.accepts(identity)).await.map_err(|error| error.to_string()),
+                    None => Err("no dialect".to_owned()),
+                },
+                Err(error) => Err(error.to_string()),
+            };
+            if !doctor::reached(findings, role, said.as_ref().map_err(Clone::clone), &instrument.model) {
+                findings.stop();
+            }
+            let identity = said.map_or_else(|_| String::new(), |said| said.identity.raw);
+            let (model, address) = (instrument.model.clone(), instrument.address.to_string());
+            found.push(Instrument { role: role.to_owned(), model, address, identity });
+        }
+        for role in ["supply4q", "generator", "scope"] {
+            if !found.iter().any(|instrument| instrument.role == role) && self.fixture.is_some() {
+                findings.judge(&format!("reach.{role}"), ("one on the bench", "none"), false, "without it nothing can be proven");
+                findings.stop();
+            }
+        }
+        found
+    }
+
+    /// What needs the bench for itself, with a guardian beside it; always ends in safe state.
+    async fn guarded(&self, mut findings: Findings, connections: &Connections) -> Result<Findings, Failure> {
+        let progress = Progress::new(&Plan { stages: Vec::new() });
+        let charge = Charge { bench: self.config, run: self.folder, window_v: COPPER_WINDOW_V, sha256: hash::sha256(self.text) };
+        let mut stop = StopSignals::install()?;
+        let expected = "a guardian that reaches every instrument that can move charge";
+        let taken = tokio::select! {
+            taken = Custody::take_for(&charge, (&self.clock, progress.doing())) => taken,
+            () = stop.requested() => return Err(Failure::Interrupted(self.folder.display().to_string())),
+        };
+        let mut custody = match taken {
+            Ok(custody) => {
+                if self.config.in_process() {
+                    findings.skip(&["guardian.start"], "the bench is simulated in this process", "");
+                } else {
+                    findings.judge("guardian.start", (expected, "it is there"), true, "");
+                }
+                custody
+            }
+            Err(failure) => {
+                findings.judge("guardian.start", (expected, failure.to_string()), false, "nothing may be energised without it");
+                findings.stop();
+                findings.skip(&doctor::LIVE, "not after guardian.start", "");
+                return Ok(findings);
+            }
+        };
+        let bench = match Bench::open(self.config, connections).await {
+            Ok(bench) => bench,
+            Err(error) => return custody.end(Err(error.into())).await,
+        };
+        let mut examination = Examination::new((self.config, self.clock.clone()), bench, findings);
+        let examined = tokio::select! {
+            examined = caught(self.examine(&mut examination)) => examined,
+            () = stop.requested() => Err(Failure::Interrupted(self.folder.display().to_string())),
+            lost = custody.lost() => Err(lost.into()),
+        };
+        let safe = examination.bench.safe_state().await;
+        let Examination { bench, mut findings, .. } = examination;
+        drop(bench);
+        let outcome = match safe {
+            Ok(()) => {
+                findings.add("safe.end", ("every output off and read back, no current", "it is so"), Verdict::Ok, "");
+                examined
+            }
+            Err(failures) => Err(Failure::Unsafe {
+                failures: failures.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
+                cause: examined.err().map_or_else(String::new, |failure| format!(" (after: {failure})")),
+            }),
+        };
+        custody.end(outcome).await.map(|()| findings)
+    }
+
+    async fn examine(&self, examination: &mut Examination<'_>) -> Result<(), Failure> {
+        if let Some(fixture) = self.fixture {
+            self.mount(examination, fixture).await?;
+        }
+        examination.examine(self.fixture, "no fixture in the jig: --fixture fake_cell, or shunt, proves it").await;
+        Ok(())
+    }
+
+    /// Safe state first: nobody reaches into a jig that is live.
+    async fn mount(&self, examination: &mut Examination<'_>, fixture: Fixture) -> Result<(), Failure> {
+        if let Err(failures) = examination.bench.safe_state().await {
+            let failures = failures.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+            return Err(Failure::Unsafe { failures, cause: String::new() });
+        }
+        let error = examination.bench.error("jig");
+        if let Some(jig) = examination.bench.jig.as_mut() {
+            return Ok(jig.mount(fixture).await.map_err(error)?);
+        }
+        if self.yes {
+            remark!("taken on your word: {} in the jig, no cell", fixture_name(fixture));
+            return Ok(());
+        }
+        let _person = self.clock.wait(None);
+        Ok(Operator::detect().mount(fixture, None).await.map_err(crate::executor::ExecuteError::from)?)
+    }
+}

@@ -1,0 +1,67 @@
+//! Smaller sections of a bench file: what its simulation is told beside the scenario, and how a bath with relays is held.
+
+use std::collections::BTreeMap;
+
+use instruments::mock::{
+    self, Fault, MakeError, Schedule,
+    quirks::{Quirks, Value},
+};
+
+use super::{ConfigError, Instruments, Source, Thermostat, raw};
+
+pub(super) fn faults(source: &Source, raw: &raw::Faults) -> Result<Schedule, ConfigError> {
+    if !(0.0..=1.0).contains(&raw.per_message) {
+        let reason = format!("expected a chance from 0 to 1, found {}", raw.per_message);
+        return Err(source.complain("simulation.faults.per_message", reason));
+    }
+    let faults = raw.kinds.clone().unwrap_or_else(|| Fault::ALL.to_vec());
+    Ok(Schedule { seed: raw.seed, per_message: raw.per_message, most: raw.most, faults })
+}
+
+/// What the mocks are told, by role; each is checked against what its model has.
+pub(super) fn quirks(
+    source: &Source,
+    raw: &BTreeMap<String, BTreeMap<String, Value>>,
+    instruments: &Instruments,
+) -> Result<BTreeMap<&'static str, Quirks>, ConfigError> {
+    let addressed = instruments.addressed();
+    let mut told = BTreeMap::new();
+    for (role, switches) in raw {
+        let Some((role, instrument)) = addressed.iter().find(|(known, _)| known == role) else {
+            let roles = addressed.iter().map(|(role, _)| *role).collect::<Vec<_>>().join(", ");
+            return Err(source.complain(
+                &format!("simulation.quirks.{role}"),
+                format!("expected an instrument of this bench ({roles}), found {role:?}"),
+            ));
+        };
+        let quirks: Quirks = switches.clone().into_iter().collect();
+        match mock::check_quirks(&instrument.model, &quirks) {
+            Ok(_) => told.insert(*role, quirks),
+            Err(MakeError::Quirk(error)) => {
+                let reason = format!("{}: {error}", instrument.model);
+                return Err(source.complain(&format!("simulation.quirks.{role}.{}", error.name), reason));
+            }
+            Err(error) => return Err(source.complain(&format!("simulation.quirks.{role}"), error.to_string())),
+        };
+    }
+    Ok(told)
+}
+
+/// Unless they are typed: proportional band, K, integral time, window and age of a reading, s.
+const THERMOSTAT: Thermostat = Thermostat { band_k: 0.5, integral_s: 400.0, window_s: 20.0, stale_s: 60.0, sensor_offset_k: 0.0 };
+
+pub(super) fn thermostat(source: &Source, raw: &raw::Thermostat) -> Result<Thermostat, ConfigError> {
+    let within = |field: &str, value: f64, (least, greatest): (f64, f64), unit: &str| {
+        let reason = || format!("expected {least} {unit} to {greatest} {unit}, found {value} {unit}");
+        (least..=greatest).contains(&value).then_some(value).ok_or_else(|| source.complain(&format!("thermostat.{field}"), reason()))
+    };
+    let usual = THERMOSTAT;
+    let window_s = within("window", raw.window.map_or(usual.window_s, |window| window.si), (5.0, 45.0), "s")?;
+    Ok(Thermostat {
+        band_k: within("proportional_band", raw.proportional_band.map_or(usual.band_k, |band| band.si), (0.05, 20.0), "K")?,
+        integral_s: within("integral_time", raw.integral_time.map_or(usual.integral_s, |time| time.si), (10.0, 100_000.0), "s")?,
+        window_s,
+        stale_s: within("stale", raw.stale.map_or(usual.stale_s, |stale| stale.si), (window_s, 600.0), "s")?,
+        sensor_offset_k: within("sensor_offset", raw.sensor_offset.map_or(0.0, |offset| offset.si), (-5.0, 5.0), "K")?,
+    })
+}

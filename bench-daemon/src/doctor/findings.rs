@@ -1,0 +1,92 @@
+//! What the doctor found: one check after the other, each with what was expected, what was met, and what to do.
+
+use serde::{Deserialize, Serialize};
+
+/// How a check ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// As it should be.
+    Ok,
+    /// To be known; the bench may be used.
+    Warn,
+    /// Wrong.
+    Fail,
+    /// Not done.
+    Skipped,
+}
+
+impl Verdict {
+    /// The word for people.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Warn => "warn",
+            Self::Fail => "FAIL",
+            Self::Skipped => "skipped",
+        }
+    }
+}
+
+/// One check.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Check {
+    /// Its name, the same in every report.
+    pub id: String,
+    /// What was expected.
+    pub expected: String,
+    /// What was met.
+    pub met: String,
+    /// How it ended.
+    pub verdict: Verdict,
+    /// What to do; empty where nothing is to be done.
+    pub advice: String,
+}
+
+/// The checks so far, and whether the next one would be unsafe.
+#[derive(Debug, Default)]
+pub struct Findings {
+    /// In the order in which they were done.
+    pub checks: Vec<Check>,
+    stopped: Option<String>,
+}
+
+impl Findings {
+    /// Adds a check that is judged by one condition.
+    pub fn judge(&mut self, id: &str, (expected, met): (impl Into<String>, impl Into<String>), good: bool, advice: &str) -> bool {
+        let verdict = if good { Verdict::Ok } else { Verdict::Fail };
+        self.add(id, (expected, met), verdict, if good { "" } else { advice });
+        good
+    }
+
+    /// Adds a check.
+    pub fn add(&mut self, id: &str, (expected, met): (impl Into<String>, impl Into<String>), verdict: Verdict, advice: &str) {
+        let check = Check { id: id.to_owned(), expected: expected.into(), met: met.into(), verdict, advice: advice.to_owned() };
+        tracing::info!("{}: {}: expected {}, met {}", check.id, verdict.word(), check.expected, check.met);
+        self.checks.push(check);
+    }
+
+    /// Adds checks that are not done, and why not.
+    pub fn skip(&mut self, ids: &[&str], why: &str, advice: &str) {
+        for id in ids {
+            self.add(id, ("", why), Verdict::Skipped, advice);
+        }
+    }
+
+    /// Nothing may be energised any more.
+    pub fn stop(&mut self) {
+        if self.stopped.is_none() {
+            self.stopped = self.checks.last().map(|check| check.id.clone());
+        }
+    }
+
+    /// The check after which nothing may be energised.
+    pub fn stopped(&self) -> Option<&str> {
+        self.stopped.as_deref()
+    }
+
+    /// How many checks ended so.
+    pub fn count(&self, verdict: Verdict) -> usize {
+        self.checks.iter().filter(|check| check.verdict == verdict).count()
+    }
+}

@@ -1,0 +1,103 @@
+//! `eis-bench doctor`: walks through a bench before it is used for the first time, and after each change of it.
+//!
+//! What can be asked without any current is asked first: the machine, the instruments, their limits with every output off. Then, on a control that a person
+//! has clamped in the place of the cell, half an ampere proves drive, meters, probes, limits and safe state. After a failure that makes the next check
+//! unsafe nothing is energised any more, and whatever happens the bench ends in safe state.
+
+mod findings;
+mod instruments;
+mod lease;
+mod live;
+mod machine;
+mod probes;
+mod report;
+mod scope;
+mod standing;
+mod steps;
+
+use ::instruments::{clock::Clock, mock::plant::Fixture};
+
+pub use findings::{Check, Findings, Verdict};
+pub use instruments::reached;
+pub use lease::{hold, lease};
+pub use machine::machine;
+pub use report::{Instrument, Outcome, Report, write};
+pub use standing::{REPORT, standing};
+
+use crate::{
+    bench::{Bench, BenchError},
+    config,
+};
+
+/// What is done with current, in this order.
+pub const LIVE: [&str; 16] = [
+    "fixture.no_cell",
+    "zero.current",
+    "scope.noise",
+    "scope.offset",
+    "drive.first",
+    "meters.ammeter",
+    "probes.current_pair",
+    "probes.voltage_pair",
+    "probes.swapped",
+    "drive.gain",
+    "meters.voltmeter",
+    "drive.sine",
+    "scope.timebase",
+    "limit.bipolar",
+    "limit.charger",
+    "safe.state",
+];
+
+/// What a guardian may find at a jig with copper in it, V.
+pub const COPPER_WINDOW_V: (f64, f64) = (-1.0, 1.0);
+
+/// A bench under examination.
+pub struct Examination<'a> {
+    /// The bench file.
+    pub config: &'a config::Bench,
+    /// Bench time.
+    pub clock: Clock,
+    /// The instruments.
+    pub bench: Bench,
+    /// What was found.
+    pub findings: Findings,
+    scope: scope::Ranges,
+    /// What the channels show without current, V.
+    zero_v: [f64; 4],
+}
+
+impl<'a> Examination<'a> {
+    /// Begins with an open bench and what the machine was found to be.
+    pub fn new((config, clock): (&'a config::Bench, Clock), bench: Bench, findings: Findings) -> Self {
+        let scope = scope::Ranges::new(&config.wiring.scale_per_ampere_v);
+        Self { config, clock, bench, findings, scope, zero_v: [0.0; 4] }
+    }
+
+    /// Limits with every output off, then what needs current, where a fixture is in the jig. Nothing is known of the outputs afterwards.
+    pub async fn examine(&mut self, fixture: Option<Fixture>, why_not: &str) {
+        let outcome = self.off().await;
+        self.told(outcome);
+        let mut why = why_not.to_owned();
+        if let Some(fixture) = fixture {
+            if self.findings.stopped().is_none() {
+                let outcome = self.live(fixture).await;
+                self.told(outcome);
+            }
+            if let Some(stopped) = self.findings.stopped() {
+                why = format!("not after {stopped}");
+            }
+        }
+        let done = |id: &str| self.findings.checks.iter().any(|check| check.id == id);
+        let left: Vec<&str> = LIVE.into_iter().filter(|id| !done(id)).collect();
+        self.findings.skip(&left, &why, "");
+    }
+
+    fn told(&mut self, outcome: Result<(), BenchError>) {
+        if let Err(error) = outcome {
+            let advice = "see that the instrument answers and obeys, then begin again";
+            self.findings.add("instrument", ("an instrument that answers and obeys", error.to_string()), Verdict::Fail, advice);
+            self.findings.stop();
+        }
+    }
+}

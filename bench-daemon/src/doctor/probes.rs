@@ -1,0 +1,220 @@
+//! What the four probes say of a known change of the current: which of them sits where, and whether it reads what it should. Pure.
+//!
+//! The loop is earth, return wire, (1) shunt (2), wire, (3) fixture (4), all voltages against earth. So for one ampere the four readings rise in this order,
+//! by the unknown resistance of a wire, the shunt, another wire and the fixture in the jig; with the second pair on the shunt they are those of the first.
+//! Every single mistake that is common at a bench – leads in another order, a lead that reads nothing, a probe of another factor – is tried; one that
+//! makes all four readings possible is an explanation.
+
+use instruments::mock::plant::Fixture;
+
+/// What the bench file says of the loop.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Loop {
+    /// What the probes C3 and C4 are on.
+    pub(super) fixture: Fixture,
+    /// The current shunt, Ω.
+    pub(super) shunt_ohm: f64,
+    /// The fixture, Ω.
+    pub(super) fixture_ohm: f64,
+}
+
+/// A mistake at the probes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Mistake {
+    /// All as it should be.
+    None,
+    /// Channels 1 to 4 see what belongs to these.
+    Order([usize; 4]),
+    /// A channel, from 1, reads this multiple of its voltage.
+    Factor(usize, f64),
+    /// A channel, from 1, reads nothing.
+    Dead(usize),
+}
+
+/// Probe factors that are off by what people set wrongly, and a sign.
+const FACTORS: [f64; 8] = [0.1, 10.0, 0.01, 100.0, 0.5, 2.0, -1.0, 0.001];
+/// How far a resistance may be from the known one, as a share of it, and as a share of the largest reading: probes that differ act on the common mode.
+const OF_VALUE: f64 = 0.05;
+const OF_LARGEST: f64 = 0.015;
+/// The noise of a mean, Ω at the current of the test.
+const FLOOR_OHM: f64 = 0.1e-3;
+/// A wire of more than this is no wire, Ω.
+const MOST_WIRE_OHM: f64 = 0.3;
+
+impl Loop {
+    /// Every simplest explanation of four readings in Ω: the voltages' change over that of the current. None where not a single mistake explains them.
+    pub(super) fn explain(&self, readings: [f64; 4]) -> Vec<Mistake> {
+        if self.possible(readings, None) {
+            return vec![Mistake::None];
+        }
+        let mut found: Vec<Mistake> = Vec::new();
+        for order in orders() {
+            let undone = [0, 1, 2, 3].map(|slot| order.iter().position(|from| *from == slot).map_or(f64::NAN, |at| readings[at]));
+            if self.possible(undone, None) && order != [0, 1, 2, 3] {
+                found.push(Mistake::Order(order));
+            }
+        }
+        let swaps = |mistake: &Mistake| if let Mistake::Order(order) = mistake { moved(order) } else { 0 };
+        let least = found.iter().map(swaps).min().unwrap_or(0);
+        found.retain(|mistake| swaps(mistake) == least);
+        for slot in 0..4 {
+            for factor in FACTORS {
+                let mut undone = readings;
+                undone[slot] /= factor;
+                if self.possible(undone, None) {
+                    found.push(Mistake::Factor(slot + 1, factor));
+                }
+            }
+            let largest = largest(&readings);
+            if readings[slot].abs() < FLOOR_OHM + OF_LARGEST * largest && self.possible(readings, Some(slot)) {
+                found.push(Mistake::Dead(slot + 1));
+            }
+        }
+        found
+    }
+
+    /// Whether four readings can be those of this loop; a channel may be left out of the account.
+    fn possible(&self, readings: [f64; 4], without: Option<usize>) -> bool {
+        let largest = largest(&readings);
+        let near = |value: f64, known: f64| (value - known).abs() <= OF_VALUE * known.abs() + OF_LARGEST * largest + FLOOR_OHM;
+        let wire = |value: f64| (-FLOOR_OHM - OF_LARGEST * largest..=MOST_WIRE_OHM).contains(&value);
+        let known = |a: usize, b: usize| without.is_some_and(|slot| slot == a || slot == b);
+        let [a, b, c, d] = readings;
+        let shunt = known(0, 1) || near(b - a, self.shunt_ohm);
+        let first = without == Some(0) || wire(a);
+        let second = if self.fixture == Fixture::Shunt {
+            (known(2, 3) || near(d - c, self.shunt_ohm)) && (known(0, 2) || near(c - a, 0.0)) && (known(1, 3) || near(d - b, 0.0))
+        } else {
+            (known(2, 3) || near(d - c, self.fixture_ohm)) && (known(1, 2) || wire(c - b))
+        };
+        readings.iter().all(|value| value.is_finite()) && shunt && first && second
+    }
+}
+
+impl Mistake {
+    /// The check that it belongs to.
+    pub(super) fn id(&self) -> &'static str {
+        match self {
+            Self::Order(order) if order[0] >= 2 || order[1] >= 2 => "probes.swapped",
+            Self::Order(order) if order[0] != 0 => "probes.current_pair",
+            Self::Factor(1 | 2, _) | Self::Dead(1 | 2) => "probes.current_pair",
+            _ => "probes.voltage_pair",
+        }
+    }
+
+    /// What is wrong, and what to do.
+    pub(super) fn words(&self) -> (String, String) {
+        match *self {
+            Self::None => ("every probe where it belongs".to_owned(), String::new()),
+            Self::Order([1, 0, 2, 3]) => ("the pair C1, C2 is reversed".to_owned(), "swap the leads C1 and C2 at the shunt".to_owned()),
+            Self::Order([0, 1, 3, 2]) => ("the pair C3, C4 is reversed".to_owned(), "swap the leads C3 and C4".to_owned()),
+            Self::Order([2, 3, 0, 1]) => (
+                "the pairs are swapped: C1 and C2 are on the fixture, C3 and C4 on the shunt".to_owned(),
+                "C1 and C2 belong on the shunt, C3 and C4 on the jig".to_owned(),
+            ),
+            Self::Order(order) => {
+                let on = |place: usize| format!("C{}", place + 1);
+                let listed: Vec<String> = (0..4)
+                    .filter(|slot| order[*slot] != *slot)
+                    .map(|slot| format!("{} is where {} belongs", on(slot), on(order[slot])))
+                    .collect();
+                (listed.join(", "), "bring the leads into the order C1, C2 at the shunt, C3 (−), C4 (+) at the jig".to_owned())
+            }
+            Self::Factor(channel, -1.0) => {
+                (format!("C{channel} reads with the wrong sign"), format!("switch off the inversion of channel {channel} on the scope"))
+            }
+            Self::Factor(channel, factor) => (
+                format!("C{channel} reads {factor} of its voltage"),
+                format!("set the probe factor of channel {channel} on the scope to that of the probe, and the switch on the probe"),
+            ),
+            Self::Dead(channel) => {
+                (format!("C{channel} reads nothing"), format!("look at the lead of C{channel}, its clip and its plug at the scope"))
+            }
+        }
+    }
+}
+
+fn largest(readings: &[f64; 4]) -> f64 {
+    readings.iter().fold(0.0, |most, value| value.abs().max(most))
+}
+
+fn moved(order: &[usize; 4]) -> usize {
+    order.iter().enumerate().filter(|(slot, from)| slot != *from).count()
+}
+
+/// All 24 orders of four leads.
+fn orders() -> Vec<[usize; 4]> {
+    let mut all = Vec::with_capacity(24);
+    for code in 0..256_usize {
+        let order = [code & 3, (code >> 2) & 3, (code >> 4) & 3, (code >> 6) & 3];
+        if (0..4).all(|slot| order.contains(&slot)) {
+            all.push(order);
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FAKE: Loop = Loop { fixture: Fixture::FakeCell, shunt_ohm: 9.96e-3, fixture_ohm: 3.75e-3 };
+    const SHUNT: Loop = Loop { fixture: Fixture::Shunt, shunt_ohm: 9.96e-3, fixture_ohm: 9.96e-3 };
+
+    fn milli(values: [f64; 4]) -> [f64; 4] {
+        values.map(|value| 1.0e-3 * value)
+    }
+
+    #[test]
+    fn a_good_loop_needs_no_explanation() {
+        assert_eq!(FAKE.explain(milli([17.1, 27.0, 38.9, 42.8])), [Mistake::None]);
+        assert_eq!(SHUNT.explain(milli([17.1, 27.0, 17.0, 27.1])), [Mistake::None]);
+    }
+
+    #[test]
+    fn each_single_mistake_on_the_fake_cell_is_named() {
+        let good = milli([17.0, 27.0, 39.0, 42.8]);
+        let mut expected: Vec<([f64; 4], Mistake)> = vec![];
+        for order in [[1, 0, 2, 3], [0, 1, 3, 2], [2, 3, 0, 1], [0, 2, 1, 3], [3, 1, 2, 0]] {
+            expected.push((order.map(|from| good[from]), Mistake::Order(order)));
+        }
+        for slot in 0..4 {
+            for factor in [0.1, 10.0, -1.0] {
+                let mut readings = good;
+                readings[slot] *= factor;
+                expected.push((readings, Mistake::Factor(slot + 1, factor)));
+            }
+            let mut readings = good;
+            readings[slot] = 0.0;
+            expected.push((readings, Mistake::Dead(slot + 1)));
+        }
+        for (readings, mistake) in expected {
+            let found = FAKE.explain(readings);
+            assert!(found.contains(&mistake) && found.len() <= 2, "{mistake:?}: {found:?} of {readings:?}");
+        }
+    }
+
+    #[test]
+    fn on_the_shunt_a_swap_of_pairs_is_no_mistake_and_a_reversed_pair_is() {
+        let good = milli([17.0, 27.0, 17.0, 27.0]);
+        assert_eq!(SHUNT.explain([2, 3, 0, 1].map(|from: usize| good[from])), [Mistake::None]);
+        assert_eq!(SHUNT.explain([1, 0, 2, 3].map(|from: usize| good[from]))[0].id(), "probes.current_pair");
+        assert!(SHUNT.explain([0, 1, 3, 2].map(|from: usize| good[from])).contains(&Mistake::Order([0, 1, 3, 2])));
+        assert_eq!(SHUNT.explain(milli([17.0, 27.0, 17.0, 2.7])), [Mistake::Factor(4, 0.1)]);
+    }
+
+    #[test]
+    fn two_mistakes_at_once_have_no_single_explanation() {
+        assert_eq!(FAKE.explain(milli([1.7, 27.0, 39.0, 428.0])), []);
+        assert_eq!(FAKE.explain([f64::NAN; 4]), []);
+    }
+
+    #[test]
+    fn every_mistake_has_words_and_a_check() {
+        for mistake in [Mistake::Order([1, 0, 2, 3]), Mistake::Order([2, 3, 0, 1]), Mistake::Factor(4, 0.1), Mistake::Dead(2)] {
+            let (what, advice) = mistake.words();
+            assert!(!what.is_empty() && !advice.is_empty() && mistake.id().starts_with("probes."), "{mistake:?}");
+        }
+        assert_eq!(Mistake::Order([0, 3, 2, 1]).words().0, "C2 is where C4 belongs, C4 is where C2 belongs");
+    }
+}

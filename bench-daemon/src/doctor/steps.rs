@@ -1,0 +1,210 @@
+//! What a known step of the command did: which of drive, ammeter, probes and voltmeter is to be believed. Pure.
+
+use instruments::mock::plant::Fixture;
+
+use super::{
+    findings::{Findings, Verdict},
+    probes::{Loop, Mistake},
+};
+
+/// The gain of the drive is right within this share, and remarkable beyond the first.
+const GAIN: (f64, f64) = (0.05, 0.15);
+/// Two meters agree within this share.
+const AGREE: f64 = 0.05;
+/// Less than this share of the wanted current is none.
+const NOTHING: f64 = 0.05;
+/// Resolution of a bench voltmeter, V.
+const VOLTMETER_V: f64 = 2.0e-3;
+
+/// What changed from the lower to the upper level of the command.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Step {
+    /// The current that the configured gain should give, A.
+    pub(super) wanted_a: f64,
+    /// By the bipolar supply's ammeter, A.
+    pub(super) ammeter_a: f64,
+    /// By its voltmeter, V.
+    pub(super) supply_v: f64,
+    /// By the voltmeter of the load, where there is one, V.
+    pub(super) load_v: Option<f64>,
+    /// By the four channels, V.
+    pub(super) channels_v: [f64; 4],
+    /// The configured trim of the command.
+    pub(super) trim: f64,
+}
+
+/// Judges a step; says whether all of probes and drive can be believed.
+pub(super) fn judge(findings: &mut Findings, circuit: &Loop, step: &Step) -> bool {
+    let by = |reference_a: f64| step.channels_v.map(|volts| volts / reference_a);
+    let [c1, c2, c3, c4] = step.channels_v;
+    let shunt_a = (c2 - c1) / circuit.shunt_ohm;
+    let none = |amps: f64| amps.abs() < NOTHING * step.wanted_a.abs();
+    if none(step.ammeter_a) && step.channels_v.iter().all(|volts| none(volts / circuit.shunt_ohm)) {
+        let met = format!("{:.4} A by the ammeter, {shunt_a:.4} A by the shunt", step.ammeter_a);
+        let advice = "no current follows the command: look at wiring.generator_channel and the cable from that output to the analog input, at the \
+                      output of the generator, and whether the supply's analog input is selected";
+        findings.add("drive.gain", (wanted(step), met), Verdict::Fail, advice);
+        return false;
+    }
+    let explained = if none(step.ammeter_a) { Vec::new() } else { circuit.explain(by(step.ammeter_a)) };
+    let (current_a, mistakes) = if explained.is_empty() && circuit.explain(by(shunt_a)) == [Mistake::None] {
+        (shunt_a, vec![Mistake::None])
+    } else {
+        (step.ammeter_a, explained)
+    };
+    let sound = mistakes == [Mistake::None];
+    let metered = ammeter(findings, step, (sound, shunt_a));
+    probes(findings, circuit, (&mistakes, by(current_a)));
+    let gain = drive(findings, step, current_a, sound || !mistakes.is_empty());
+    voltmeter(findings, (circuit, step), (sound, c4 - c2, c3));
+    sound && gain && metered
+}
+
+fn wanted(step: &Step) -> String {
+    format!("{:+.3} A", step.wanted_a)
+}
+
+fn ammeter(findings: &mut Findings, step: &Step, (sound, shunt_a): (bool, f64)) -> bool {
+    let texts = (format!("{shunt_a:+.4} A, as the shunt carries"), format!("{:+.4} A", step.ammeter_a));
+    if !sound {
+        findings.skip(&["meters.ammeter"], "the probes cannot be believed", "mend the probes first");
+        return false;
+    }
+    let ratio = step.ammeter_a / shunt_a;
+    let advice = if ratio.abs() < NOTHING {
+        "the bipolar supply's ammeter is dead: its read-back cannot watch over a cell; look at its meter and its remote read-back"
+    } else if ratio < 0.0 {
+        "the ammeter and the shunt disagree in sign: the leads at the bipolar supply's output are swapped"
+    } else {
+        "the ammeter and the shunt disagree: check wiring.shunt.resistance against the shunt's plate, then the supply's calibration"
+    };
+    findings.judge("meters.ammeter", texts, (ratio - 1.0).abs() <= AGREE, advice)
+}
+
+fn probes(findings: &mut Findings, circuit: &Loop, (mistakes, readings): (&[Mistake], [f64; 4])) {
+    let milli = |volts: f64| format!("{:.2} mΩ", 1.0e3 * volts);
+    let [a, b, c, d] = readings;
+    let all = |ids: [&str; 3]| ids.iter().all(|id| mistakes.iter().all(|mistake| mistake.id() != *id || *mistake == Mistake::None));
+    let pairs = [("probes.current_pair", b - a, circuit.shunt_ohm), ("probes.voltage_pair", d - c, circuit.fixture_ohm)];
+    let unexplained = mistakes.is_empty();
+    for (id, met, known) in pairs {
+        let mine: Vec<_> = mistakes.iter().filter(|mistake| mistake.id() == id && **mistake != Mistake::None).collect();
+        if unexplained {
+            let each = readings.map(milli).join(", ");
+            let advice = "no single mistake explains the four channels: look at each lead, and at the probe factor of each channel";
+            findings.add(id, (milli(known), format!("{} of C1 … C4 at {each}", milli(met))), Verdict::Fail, advice);
+        } else if let Some(first) = mine.first() {
+            let what: Vec<String> = mine.iter().map(|mistake| mistake.words().0).collect();
+            let met = format!("{}: {}", milli(met), what.join(", or "));
+            findings.add(id, (milli(known), met), Verdict::Fail, &first.words().1);
+        } else if all(["probes.swapped"; 3]) {
+            findings.add(id, (milli(known), milli(met)), Verdict::Ok, "");
+        } else {
+            findings.skip(&[id], "the pairs are swapped", "");
+        }
+    }
+    let id = "probes.swapped";
+    match mistakes.iter().find(|mistake| mistake.id() == id) {
+        Some(mistake) => {
+            let (what, advice) = mistake.words();
+            let expected = format!("{} at C1, C2 and {} at C3, C4", milli(circuit.shunt_ohm), milli(circuit.fixture_ohm));
+            findings.add(id, (expected, format!("{} and {}: {what}", milli(b - a), milli(d - c))), Verdict::Fail, &advice);
+        }
+        None if circuit.fixture == Fixture::Shunt => {
+            findings.skip(&[id], "both pairs are on the shunt", "`--fixture fake_cell` tells the pairs apart");
+        }
+        None if unexplained => findings.skip(&[id], "the probes cannot be believed", ""),
+        None => findings.add(id, ("each pair on its own resistance", "each pair on its own resistance"), Verdict::Ok, ""),
+    }
+}
+
+fn drive(findings: &mut Findings, step: &Step, current_a: f64, known: bool) -> bool {
+    let ratio = current_a / step.wanted_a;
+    let met = format!("{current_a:+.4} A, {ratio:.3} of it");
+    if !known {
+        findings.skip(&["drive.gain"], "neither ammeter nor probes can be believed", "");
+        return false;
+    }
+    let trim = step.trim / ratio;
+    let off = (ratio - 1.0).abs();
+    let (verdict, advice) = if off <= GAIN.0 {
+        (Verdict::Ok, String::new())
+    } else if ratio < 0.0 {
+        (
+            Verdict::Fail,
+            "the current runs against the command: swap the leads at the supply's output, or the signal at its analog input".to_owned(),
+        )
+    } else {
+        let advice = format!(
+            "the drive gives {ratio:.3} of what the bench file says: check model and range of the supply and the generator's load setting; if they are \
+             right, wiring.command_trim = {trim:.3}"
+        );
+        (if off <= GAIN.1 { Verdict::Warn } else { Verdict::Fail }, advice)
+    };
+    findings.add("drive.gain", (wanted(step), met), verdict, &advice);
+    verdict != Verdict::Fail
+}
+
+/// The load's leads see the wire to the jig and what is in it.
+fn voltmeter(findings: &mut Findings, (circuit, step): (&Loop, &Step), (sound, jig_v, c3): (bool, f64, f64)) {
+    let id = "meters.voltmeter";
+    let Some(load_v) = step.load_v else {
+        findings.skip(&[id], "the bench has no load, whose leads would see the jig", "");
+        return;
+    };
+    if !sound {
+        findings.skip(&[id], "the probes cannot be believed", "mend the probes first");
+        return;
+    }
+    let milli = |volts: f64| format!("{:+.1} mV", 1.0e3 * volts);
+    let (expected, good) = if circuit.fixture == Fixture::Shunt {
+        let good = (c3.signum() * load_v) > 0.5 * VOLTMETER_V && load_v.abs() <= step.supply_v.abs() + VOLTMETER_V;
+        (format!("more than nothing, at most the supply's {}", milli(step.supply_v)), good)
+    } else {
+        (format!("{}, as the probes show of wire and fixture", milli(jig_v)), (load_v - jig_v).abs() <= 0.3 * jig_v.abs() + VOLTMETER_V)
+    };
+    let advice = "the load's voltmeter does not follow the voltage at the jig: it watches over the cell; look at its sense leads and its sense setting";
+    findings.judge(id, (expected, milli(load_v)), good, advice);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CIRCUIT: Loop = Loop { fixture: Fixture::FakeCell, shunt_ohm: 9.96e-3, fixture_ohm: 3.75e-3 };
+
+    fn step(true_a: f64) -> Step {
+        let channels_v = [17.0e-3, 26.96e-3, 39.0e-3, 42.75e-3].map(|ohm| ohm * true_a);
+        Step { wanted_a: 1.0, ammeter_a: true_a, supply_v: 60.0e-3 * true_a, load_v: Some(15.8e-3 * true_a), channels_v, trim: 1.0 }
+    }
+
+    fn failed(step: &Step) -> Vec<(String, String)> {
+        let mut findings = Findings::default();
+        judge(&mut findings, &CIRCUIT, step);
+        let failed = findings.checks.into_iter().filter(|check| check.verdict == Verdict::Fail);
+        failed.map(|check| (check.id, check.advice)).collect()
+    }
+
+    #[test]
+    fn the_one_that_is_wrong_is_named_and_no_other() {
+        let dead = Step { ammeter_a: 0.0, ..step(1.0) };
+        let reversed = Step { ammeter_a: -1.0, ..step(1.0) };
+        let blind = Step { load_v: Some(0.0), ..step(1.0) };
+        let silent = Step { ammeter_a: 0.0, load_v: Some(0.0), channels_v: [0.0; 4], ..step(0.0) };
+        let mut probe = step(1.0);
+        probe.channels_v[2] *= 0.1;
+        for (step, id, word) in [
+            (step(0.5), "drive.gain", "wiring.command_trim = 2.000"),
+            (step(-1.0), "drive.gain", "against the command"),
+            (silent, "drive.gain", "wiring.generator_channel"),
+            (dead, "meters.ammeter", "is dead"),
+            (reversed, "meters.ammeter", "disagree in sign"),
+            (blind, "meters.voltmeter", "sense leads"),
+            (probe, "probes.voltage_pair", "probe factor of channel 3"),
+        ] {
+            let found = failed(&step);
+            assert!(found.len() == 1 && found[0].0 == id && found[0].1.contains(word), "{id}: {found:?}");
+        }
+        assert_eq!(failed(&step(0.98)), []);
+    }
+}

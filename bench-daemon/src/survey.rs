@@ -1,0 +1,250 @@
+//! Who answers at an address, what it can do, what is programmed into it and what its error queue holds.
+//!
+//! Asks questions only, those of the read-backs included; the only thing that a question changes is the error queue, which forgets what it has told.
+
+use instruments::{
+    chiller::{self, Chiller},
+    exchange::{Answer, Exchange, Identity, look},
+    generator::{self, Generator},
+    instrument::{Instrument, Model},
+    jig::{self, Jig},
+    link::{Link, LinkError, LinkProfile},
+    load::{self, Load},
+    logger::{self, Logger},
+    scope::{self, Intent, Scope, Vertical},
+    supply::{self, Supply},
+    supply4q::{self, Supply4q},
+    units::{Amps, Seconds, Volts},
+};
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::bench::Bench;
+
+/// What an instrument says of itself.
+#[derive(Debug, Clone, Serialize)]
+pub struct Said {
+    /// Its identity.
+    pub identity: Identity,
+    /// That is a model that the dialect is made for.
+    pub recognised: bool,
+    /// What the dialect knows of the model: ranges, channels, smallest steps.
+    pub capabilities: Value,
+    /// What is programmed at present: questions and answers.
+    pub programmed: Vec<Answer>,
+    /// What its error queue held, or what is wrong by its own word.
+    pub health: Vec<String>,
+}
+
+impl Said {
+    /// Nothing but who it is: what it would answer to the questions of another model is nobody's guess.
+    pub fn unknown(identity: Identity) -> Self {
+        Self { identity, recognised: false, capabilities: Value::Null, programmed: Vec::new(), health: Vec::new() }
+    }
+}
+
+/// An instrument of any role.
+#[expect(missing_docs, reason = "the roles")]
+pub enum Any {
+    Supply4q(Supply4q),
+    Generator(Generator),
+    Scope(Scope),
+    Load(Load),
+    Supply(Supply),
+    Chiller(Chiller),
+    Logger(Logger),
+    Jig(Jig),
+}
+
+/// A dialect of any role.
+#[derive(Clone, Copy)]
+pub struct Known {
+    /// The role.
+    pub role: &'static str,
+    /// The name in a bench file.
+    pub key: &'static str,
+    /// Pace and deadlines.
+    pub profile: LinkProfile,
+    /// The question for the identity.
+    pub question: &'static str,
+    dialect: Spoken,
+}
+
+#[derive(Clone, Copy)]
+enum Spoken {
+    Supply4q(&'static dyn supply4q::Dialect),
+    Generator(&'static dyn generator::Dialect),
+    Scope(&'static dyn scope::Dialect),
+    Load(&'static dyn load::Dialect),
+    Supply(&'static dyn supply::Dialect),
+    Chiller(&'static dyn chiller::Dialect),
+    Logger(&'static dyn logger::Dialect),
+}
+
+impl Known {
+    /// Every dialect, role by role.
+    pub fn all() -> Vec<Self> {
+        let mut all = Vec::new();
+        macro_rules! add {
+            ($role:literal, $module:ident, $variant:ident) => {
+                all.extend($module::DIALECTS.iter().map(|dialect| known($role, *dialect, Spoken::$variant(*dialect))));
+            };
+        }
+        add!("supply4q", supply4q, Supply4q);
+        add!("generator", generator, Generator);
+        add!("scope", scope, Scope);
+        add!("load", load, Load);
+        add!("supply", supply, Supply);
+        add!("chiller", chiller, Chiller);
+        add!("logger", logger, Logger);
+        all
+    }
+
+    /// Whether an identity is this model's.
+    pub fn recognises(&self, identity: &Identity) -> bool {
+        match self.dialect {
+            Spoken::Supply4q(dialect) => dialect.recognises(identity),
+            Spoken::Generator(dialect) => dialect.recognises(identity),
+            Spoken::Scope(dialect) => dialect.recognises(identity),
+            Spoken::Load(dialect) => dialect.recognises(identity),
+            Spoken::Supply(dialect) => dialect.recognises(identity),
+            Spoken::Chiller(dialect) => dialect.recognises(identity),
+            Spoken::Logger(dialect) => dialect.recognises(identity),
+        }
+    }
+
+    /// Puts the dialect on a link. Sends nothing.
+    pub fn on(&self, link: Link) -> Any {
+        match self.dialect {
+            Spoken::Supply4q(dialect) => Any::Supply4q(Instrument::new(link, dialect)),
+            Spoken::Generator(dialect) => Any::Generator(Instrument::new(link, dialect)),
+            Spoken::Scope(dialect) => Any::Scope(Instrument::new(link, dialect)),
+            Spoken::Load(dialect) => Any::Load(Instrument::new(link, dialect)),
+            Spoken::Supply(dialect) => Any::Supply(Instrument::new(link, dialect)),
+            Spoken::Chiller(dialect) => Any::Chiller(Instrument::new(link, dialect)),
+            Spoken::Logger(dialect) => Any::Logger(Instrument::new(link, dialect)),
+        }
+    }
+}
+
+fn known<D: Model + ?Sized>(role: &'static str, dialect: &'static D, spoken: Spoken) -> Known {
+    Known { role, key: dialect.key(), profile: dialect.profile(), question: dialect.identity_query(), dialect: spoken }
+}
+
+impl Any {
+    /// The instruments of a bench with their roles, in a fixed order.
+    pub fn of(bench: Bench) -> Vec<(&'static str, Self)> {
+        [
+            ("supply4q", bench.supply4q.map(Any::Supply4q)),
+            ("generator", bench.generator.map(Any::Generator)),
+            ("scope", bench.scope.map(Any::Scope)),
+            ("load", bench.load.map(Any::Load)),
+            ("supply", bench.supply.map(Any::Supply)),
+            ("chiller", bench.chiller.map(Any::Chiller)),
+            ("logger", bench.logger.map(Any::Logger)),
+            ("jig", bench.jig.map(Any::Jig)),
+        ]
+        .into_iter()
+        .filter_map(|(role, instrument)| Some((role, instrument?)))
+        .collect()
+    }
+
+    /// Asks all there is to ask; changes nothing. What `accepts` says yes to is spoken to although the dialect does not know it.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn say(&mut self, accepts: impl Fn(&str) -> bool) -> Result<Said, LinkError> {
+        let (identity, known) = self.identify().await?;
+        let recognised = known || accepts(&identity.raw);
+        if !recognised {
+            return Ok(Said::unknown(identity));
+        }
+        let capabilities = self.capabilities();
+        let questions = self.questions();
+        let mut programmed: Vec<Answer> = Vec::new();
+        for answer in look(self.link(), &questions).await? {
+            if !programmed.iter().any(|known| known.question == answer.question) {
+                programmed.push(answer);
+            }
+        }
+        let mut health: Vec<String> = self.link().drain_errors().await?.iter().map(ToString::to_string).collect();
+        if let Self::Chiller(chiller) = self {
+            let status = chiller.status().await?;
+            health.extend(status.alarm);
+            health.extend((!status.remote).then(|| format!("not in remote mode: {}", status.raw)));
+        }
+        Ok(Said { identity, recognised, capabilities, programmed, health })
+    }
+
+    async fn identify(&mut self) -> Result<(Identity, bool), LinkError> {
+        macro_rules! ask {
+            ($($variant:ident),+) => {
+                match self {
+                    $(Self::$variant(instrument) => {
+                        let identity = instrument.identify().await?;
+                        let recognised = instrument.dialect().recognises(&identity);
+                        Ok((identity, recognised))
+                    })+
+                    Self::Jig(jig) => {
+                        let identity = jig.identify().await?;
+                        let recognised = identity.raw.contains(jig::MOCK_JIG);
+                        Ok((identity, recognised))
+                    }
+                }
+            };
+        }
+        ask!(Supply4q, Generator, Scope, Load, Supply, Chiller, Logger)
+    }
+
+    fn link(&mut self) -> &mut Link {
+        match self {
+            Self::Supply4q(instrument) => instrument.link_mut(),
+            Self::Generator(instrument) => instrument.link_mut(),
+            Self::Scope(instrument) => instrument.link_mut(),
+            Self::Load(instrument) => instrument.link_mut(),
+            Self::Supply(instrument) => instrument.link_mut(),
+            Self::Chiller(instrument) => instrument.link_mut(),
+            Self::Logger(instrument) => instrument.link_mut(),
+            Self::Jig(jig) => jig.link_mut(),
+        }
+    }
+
+    fn capabilities(&self) -> Value {
+        let known = match self {
+            Self::Supply4q(instrument) => serde_json::to_value(instrument.capabilities()),
+            Self::Generator(instrument) => serde_json::to_value(instrument.capabilities()),
+            Self::Scope(instrument) => serde_json::to_value(instrument.capabilities()),
+            Self::Load(instrument) => serde_json::to_value(instrument.capabilities()),
+            Self::Supply(instrument) => serde_json::to_value(instrument.capabilities()),
+            Self::Chiller(instrument) => Ok(serde_json::json!({ "range": instrument.range() })),
+            Self::Logger(_) | Self::Jig(_) => Ok(Value::Null),
+        };
+        known.unwrap_or(Value::Null)
+    }
+
+    /// Scripts whose read-backs show what is programmed; none of their commands is sent.
+    fn questions(&self) -> Vec<Exchange> {
+        match self {
+            Self::Supply4q(instrument) => {
+                let limits = supply4q::Limits { compliance: Volts(1.0), current: Amps(1.0) };
+                [instrument.dialect().output(false), instrument.dialect().prepare(&limits), instrument.dialect().analog(false)].concat()
+            }
+            Self::Generator(instrument) => [instrument.dialect().output(1, false), instrument.dialect().quiet(1, Volts(0.0))].concat(),
+            Self::Scope(instrument) => {
+                let vertical = |channel| Intent::Vertical(Vertical { channel, per_div: Volts(1.0), offset: Volts(0.0) });
+                let intents = (1..=4).map(vertical).chain([Intent::Timebase(Seconds(0.01)), Intent::Session { memory_points: 1_000_000 }]);
+                intents.flat_map(|intent| instrument.dialect().script(&intent)).collect()
+            }
+            Self::Load(instrument) => {
+                let discharge = load::Discharge { draw: load::Draw::Current(Amps(0.1)), stop_below: Volts(1.0) };
+                [instrument.dialect().input(false), instrument.dialect().prepare(&discharge)].concat()
+            }
+            Self::Supply(instrument) => {
+                let charge = supply::Charge { voltage: Volts(1.0), current: Amps(0.1) };
+                [instrument.dialect().output(false), instrument.dialect().prepare(&charge)].concat()
+            }
+            Self::Chiller(instrument) => instrument.dialect().run(Some(instrument.range().0)),
+            Self::Logger(_) | Self::Jig(_) => Vec::new(),
+        }
+    }
+}

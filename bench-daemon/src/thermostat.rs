@@ -1,0 +1,214 @@
+//! Holds a bath at a temperature with a heater and a cooler on relays: a proportional-integral law whose output is the share of a window for which a relay
+//! is on.
+//!
+//! Pure: it is told readings with their times and says pulses. What is too short for a relay is saved up until it is long enough; heating and cooling do not
+//! follow each other at once; a reading that is none switches off, and too old a one is a fault.
+
+use crate::config::Thermostat as Settings;
+
+/// A relay that is switched is left so for this long at least, s.
+const LEAST_S: f64 = 2.0;
+/// Between heating and cooling both are off for so long, s.
+const REVERSAL_S: f64 = 60.0;
+/// A sensor that shows the very same while so much heat was asked for is not looked at any more by anybody, s of full power.
+const UNMOVED_S: f64 = 120.0;
+
+/// What is to be done now.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Action {
+    /// Heat for so many seconds, or cool for a negative number of them; zero switches both off.
+    Pulse(f64),
+    /// Off for good, and the reason.
+    Fault(Fault),
+}
+
+/// Why the bath is not under control.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Fault {
+    /// No reading that can be believed.
+    #[error("no bath temperature that can be believed for {age_s:.0} s")]
+    Stale {
+        /// Age of the last one, s.
+        age_s: f64,
+    },
+    /// The sensor does not follow.
+    #[error("the bath shows {celsius:.3} °C all the while, after {spent_s:.0} s of full power in one direction")]
+    Unmoved {
+        /// What it shows, °C.
+        celsius: f64,
+        /// Seconds of full power.
+        spent_s: f64,
+    },
+}
+
+/// One loop.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Thermostat {
+    settings: Settings,
+    setpoint_c: f64,
+    /// Share of full power that is needed all the time.
+    integral: f64,
+    /// Seconds of pulses that were too short so far.
+    saved_s: f64,
+    due_s: f64,
+    /// Time of the last good reading, s.
+    good_s: f64,
+    /// Sign and end of the last pulse.
+    last: (f64, f64),
+    /// What was shown, and the full power in one direction since it changed last, s.
+    unmoved: (f64, f64),
+}
+
+impl Thermostat {
+    /// A loop that begins at bench time `now_s`.
+    pub fn new(settings: Settings, setpoint_c: f64, now_s: f64) -> Self {
+        Self {
+            settings,
+            setpoint_c,
+            integral: 0.0,
+            saved_s: 0.0,
+            due_s: now_s,
+            good_s: now_s,
+            last: (0.0, f64::NEG_INFINITY),
+            unmoved: (f64::NAN, 0.0),
+        }
+    }
+
+    /// The same loop at another temperature.
+    pub fn set(&mut self, setpoint_c: f64) {
+        self.setpoint_c = setpoint_c;
+    }
+
+    /// A window has passed, and the bath is to be read.
+    pub fn is_due(&self, now_s: f64) -> bool {
+        now_s >= self.due_s
+    }
+
+    /// What a reading of the sensor at `now_s` calls for; none where it cannot be believed.
+    pub fn step(&mut self, reading_c: Option<f64>, now_s: f64) -> Action {
+        let window_s = self.settings.window_s;
+        self.due_s = now_s + window_s;
+        let Some(celsius) = reading_c.filter(|celsius| celsius.is_finite()) else {
+            let age_s = now_s - self.good_s;
+            self.saved_s = 0.0;
+            return if age_s > self.settings.stale_s { Action::Fault(Fault::Stale { age_s }) } else { Action::Pulse(0.0) };
+        };
+        // A gap in the questions is no time in which the error stood.
+        let passed_s = (now_s - self.good_s).clamp(0.0, window_s);
+        self.good_s = now_s;
+        let error_k = self.setpoint_c - (celsius - self.settings.sensor_offset_k);
+        let share = self.share(error_k, passed_s);
+        let pulse_s = self.pulse(share, now_s);
+        match self.follows(celsius, pulse_s) {
+            Some(fault) => Action::Fault(fault),
+            None => Action::Pulse(pulse_s),
+        }
+    }
+
+    /// Share of full power, −1 to 1. The integral stands still while the output is at its end.
+    fn share(&mut self, error_k: f64, passed_s: f64) -> f64 {
+        let proportional = error_k / self.settings.band_k;
+        if (proportional + self.integral).abs() < 1.0 {
+            self.integral = (self.integral + proportional * passed_s / self.settings.integral_s).clamp(-1.0, 1.0);
+        }
+        (proportional + self.integral).clamp(-1.0, 1.0)
+    }
+
+    fn pulse(&mut self, share: f64, now_s: f64) -> f64 {
+        let window_s = self.settings.window_s;
+        self.saved_s = (self.saved_s + share * window_s).clamp(-window_s, window_s);
+        let reverses = self.saved_s * self.last.0 < 0.0 && now_s < self.last.1 + REVERSAL_S;
+        if self.saved_s.abs() < LEAST_S || reverses {
+            return 0.0;
+        }
+        // A relay that would be off for a moment only stays on.
+        let pulse_s = if window_s - self.saved_s.abs() < LEAST_S { window_s.copysign(self.saved_s) } else { self.saved_s };
+        self.saved_s -= pulse_s;
+        // To the next window and a little more, so that a full one leaves no gap.
+        let longer_s = if pulse_s.abs() >= window_s { pulse_s * 1.25 } else { pulse_s };
+        self.last = (longer_s.signum(), now_s + longer_s.abs());
+        longer_s
+    }
+
+    fn follows(&mut self, celsius: f64, pulse_s: f64) -> Option<Fault> {
+        let (shown_c, spent_s) = self.unmoved;
+        // Less than full power may be what the bath loses: then it stands still, as it should.
+        if celsius != shown_c || spent_s * pulse_s < 0.0 || pulse_s.abs() < self.settings.window_s {
+            self.unmoved = (celsius, 0.0);
+            return None;
+        }
+        self.unmoved.1 += pulse_s;
+        let spent_s = self.unmoved.1.abs();
+        (spent_s > UNMOVED_S).then_some(Fault::Unmoved { celsius, spent_s })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SETTINGS: Settings = Settings { band_k: 0.5, integral_s: 400.0, window_s: 20.0, stale_s: 60.0, sensor_offset_k: 0.0 };
+
+    /// A bath that loses heat to the room, in steps of a second, read in sixteenths of a degree. Its greatest error from 900 s on, K.
+    fn held(ambient_c: f64, (heater, cooler): (f64, f64)) -> f64 {
+        let mut thermostat = Thermostat::new(SETTINGS, 25.0, 0.0);
+        let (mut bath_c, mut pulse, mut worst_k) = (ambient_c, (0.0, 0.0), 0.0_f64);
+        for second in 0..7200 {
+            let now_s = f64::from(second);
+            if thermostat.is_due(now_s) {
+                let Action::Pulse(pulse_s) = thermostat.step(Some((bath_c * 16.0).round() / 16.0), now_s) else { panic!("at {now_s} s") };
+                pulse = (pulse_s, now_s + pulse_s.abs());
+            }
+            let on = if now_s < pulse.1 { pulse.0.signum() } else { 0.0 };
+            bath_c += (ambient_c - bath_c) / 1800.0 + if on > 0.0 { heater } else { on * cooler };
+            if now_s > 1800.0 {
+                worst_k = worst_k.max((bath_c - 25.0).abs());
+            }
+        }
+        worst_k
+    }
+
+    #[test]
+    fn it_holds_a_bath_in_a_cold_and_in_a_warm_room() {
+        for (ambient_c, powers) in [(22.0, (0.015, 0.01)), (25.0, (0.015, 0.01)), (30.0, (0.015, 0.01)), (20.0, (0.03, 0.02))] {
+            let worst_k = held(ambient_c, powers);
+            assert!(worst_k < 0.1, "{ambient_c} °C: {worst_k} K");
+        }
+    }
+
+    #[test]
+    fn a_reading_that_is_none_switches_off_at_once_and_an_old_one_is_a_fault() {
+        let mut thermostat = Thermostat::new(SETTINGS, 25.0, 0.0);
+        assert_eq!(thermostat.step(Some(20.0), 0.0), Action::Pulse(25.0));
+        assert!(!thermostat.is_due(19.0) && thermostat.is_due(20.0));
+        assert_eq!(thermostat.step(None, 20.0), Action::Pulse(0.0));
+        assert_eq!(thermostat.step(Some(f64::NAN), 40.0), Action::Pulse(0.0));
+        let Action::Fault(fault) = thermostat.step(None, 80.0) else { panic!("expected a fault") };
+        assert_eq!(fault.to_string(), "no bath temperature that can be believed for 80 s");
+    }
+
+    #[test]
+    fn a_sensor_that_hangs_beside_the_bath_is_a_fault_before_the_bath_boils() {
+        let mut thermostat = Thermostat::new(SETTINGS, 25.0, 0.0);
+        let end = (0..)
+            .map(|window| (window, thermostat.step(Some(22.0), 20.0 * f64::from(window))))
+            .find(|(_, action)| matches!(action, Action::Fault(_)));
+        let (window, Action::Fault(fault)) = end.unwrap() else { panic!("expected a fault") };
+        assert!(window <= 6, "{window}");
+        assert_eq!(fault.to_string(), "the bath shows 22.000 °C all the while, after 125 s of full power in one direction");
+    }
+
+    #[test]
+    fn what_is_too_short_is_saved_up_and_heat_does_not_follow_cold() {
+        let mut thermostat = Thermostat::new(Settings { integral_s: 1.0e9, ..SETTINGS }, 25.0, 0.0);
+        // Six hundredths of full power: 1.2 s in 20 s.
+        let pulses: Vec<Action> = (0..4).map(|window| thermostat.step(Some(24.97), 20.0 * f64::from(window))).collect();
+        let [first, second, ..] = pulses[..] else { panic!() };
+        assert_eq!(first, Action::Pulse(0.0));
+        assert!(matches!(second, Action::Pulse(pulse) if (pulse - 2.4).abs() < 1.0e-9), "{pulses:?}");
+        // Too warm at once: nothing is cooled for a minute.
+        let after: Vec<Action> = (4..9).map(|window| thermostat.step(Some(25.3), 20.0 * f64::from(window))).collect();
+        assert_eq!(after[0], Action::Pulse(0.0));
+        assert!(after.iter().any(|action| matches!(action, Action::Pulse(pulse) if *pulse < 0.0)), "{after:?}");
+    }
+}

@@ -1,0 +1,100 @@
+//! Files of other programs in and out, and captures that a scope has exported.
+
+use std::{fmt::Write as _, fs, path::PathBuf};
+
+use analysis::{dataset, formats::read_spectra};
+use num_complex::Complex64;
+
+use crate::support::program;
+
+fn eis_bench(arguments: &[&str]) -> (i32, String) {
+    let arguments: Vec<&std::ffi::OsStr> = arguments.iter().map(AsRef::as_ref).collect();
+    let ended = program(&arguments);
+    (ended.code.unwrap(), ended.stdout + &ended.stderr)
+}
+
+fn fixture(name: &str) -> String {
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/data/").to_owned() + name
+}
+
+#[test]
+fn a_real_file_of_another_program_goes_through_every_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name).display().to_string();
+    let source = fixture("spectra/vendors/gamry.DTA");
+    let numbers =
+        |path: &str| read_spectra(&PathBuf::from(path)).unwrap().remove(0).points.iter().map(|p| (p.freq_hz, p.z_ohm)).collect::<Vec<_>>();
+    let expected = numbers(&source);
+    for (to, file) in
+        [("csv", "gamry.csv"), ("impedance-py", "gamry.csv"), ("gamry", "gamry.DTA"), ("biologic", "gamry.mpt"), ("zview", "gamry.z")]
+    {
+        let (code, said) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
+        assert_eq!(code, 0, "{said}");
+        assert_eq!(numbers(&format!("{}/{file}", out(to))), expected, "{to}");
+        let (code, said) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
+        assert!(code == 2 && said.contains("expected no such file, found one"), "{said}");
+    }
+    // Whatever reads a spectrum takes them.
+    let (code, said) = eis_bench(&["fit", &source, "--rc", "1", "--json"]);
+    assert!(code == 0 && said.contains("\"rc\": 1"), "{code} {said}");
+}
+
+#[test]
+fn a_model_is_written_for_others_only_with_its_voltage() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name).display().to_string();
+    let (code, said) = eis_bench(&["fit", &fixture("spectra/vendors/autolab.txt"), "--rc", "1", "--out", &out("fit")]);
+    assert_eq!(code, 0, "{said}");
+    let model =
+        fs::read_dir(out("fit")).unwrap().flatten().map(|e| e.path()).find(|p| p.to_string_lossy().ends_with("model_1rc.json")).unwrap();
+    let model = model.display().to_string();
+    let (code, said) = eis_bench(&["convert", &model, "--to", "c", "--out", &out("c")]);
+    assert!(code == 2 && said.contains("expected an open-circuit voltage over the state of charge, met none"), "{said}");
+    for (to, ending) in [("c", "model_1rc.h"), ("pybamm", "model_1rc_pybamm.py"), ("casadi", "model_1rc_casadi.py")] {
+        let (code, said) = eis_bench(&["convert", &model, "--to", to, "--out", &out(to), "--ocv-v", "3.7", "--capacity-ah", "4.5"]);
+        assert!(code == 0 && fs::read_to_string(format!("{}/{ending}", out(to))).unwrap().contains("16200") | (to == "pybamm"), "{said}");
+    }
+}
+
+#[test]
+fn exported_captures_give_the_impedance_that_is_in_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let (interval_s, r_ohm) = (1.0e-4, 0.01);
+    // 15 mΩ − j5 mΩ through a shunt of 10 mΩ at 2 A, an offset on each channel, one file per frequency.
+    let z = Complex64::new(0.015, -0.005);
+    let mut description = "name = \"a cell\"\n[current]\nplus = 2\nminus = 1\nshunt = \"10 mΩ\"\n[voltage]\nplus = 3\n".to_owned();
+    for freq_hz in [10.0, 100.0] {
+        let mut text =
+            "Record Length,Analog:4000\nSample Interval,Analog:1.0E-04\nSource,CH1,CH2,CH3\nSecond,Value,Value,Value\n".to_owned();
+        for k in 0..4000 {
+            let t = interval_s * f64::from(k);
+            let wave = |p: Complex64| (p * Complex64::cis(std::f64::consts::TAU * freq_hz * t)).re;
+            let noise = 1.0e-6 * ((f64::from(k) * 0.618_034).fract() - 0.5);
+            let current = Complex64::from(2.0);
+            writeln!(text, "{t:e},{:e},{:e},{:e}", 0.1 + noise, 0.1 + wave(current * r_ohm) - noise, 3.7 + wave(current * z) + noise)
+                .unwrap();
+        }
+        fs::write(folder.path().join(format!("{freq_hz}.csv")), text).unwrap();
+        write!(description, "[[capture]]\nfrequency = \"{freq_hz} Hz\"\nfiles = [\"{freq_hz}.csv\"]\n").unwrap();
+    }
+    let toml = folder.path().join("capture.toml");
+    fs::write(&toml, &description).unwrap();
+    let out = folder.path().join("out").display().to_string();
+    let (code, said) = eis_bench(&["replay", &toml.display().to_string(), "--out", &out]);
+    assert!(code == 0 && said.contains("2 captures of a cell"), "{code} {said}");
+    let points = dataset::read_spectrum_csv(&PathBuf::from(out).join("spectrum.csv")).unwrap();
+    for (point, freq_hz) in points.iter().zip([10.0, 100.0]) {
+        assert!((point.z_ohm - z).norm() < 2.0e-7 && (point.freq_hz / freq_hz - 1.0).abs() < 1.0e-6, "{point:?}");
+        assert!((point.amplitude_a - 2.0).abs() < 1.0e-4 && point.magnitude_sigma_ohm() < 1.0e-6, "{point:?}");
+    }
+    for (from, to, expected) in [
+        ("shunt = \"10 mΩ\"", "", "current: expected either `shunt` or `amps_per_volt`, and no `gain`"),
+        ("plus = 3", "plus = 4", "capture.1: expected a channel 4, found 3 in the files"),
+        ("files = [\"10.csv\"]", "files = [\"none.csv\"]", "capture.1: "),
+        ("plus = 3", "plus = 0", "voltage: expected two channels that differ, counted from 1"),
+    ] {
+        fs::write(&toml, description.replacen(from, to, 1)).unwrap();
+        let (code, said) = eis_bench(&["replay", &toml.display().to_string()]);
+        assert!(code == 2 && said.contains(expected), "{code} {said}");
+    }
+}

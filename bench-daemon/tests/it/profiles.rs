@@ -1,0 +1,279 @@
+//! Profiles from files through every way that a bench has: load and supply, the bipolar supply step by step, and a wave in the generator's memory.
+
+use std::fs;
+
+use analysis::{
+    dataset::{RunIndex, TraceRow, read_trace_csv},
+    forward::{Demand, Interpolation, Profile, ReadOptions},
+};
+use bench_daemon::{
+    command::run::{Finished, run_experiment},
+    config::load_experiment,
+};
+
+use crate::{
+    support::{BENCH, CELL, EXPERIMENT, Files, sent},
+    traces::answer,
+};
+
+const HEAD: &str = r#"
+[[traces]]
+name = "jump"
+rest_first = "20 s"
+start_voltage = ["3.77 V", "3.83 V"]
+resistance_max = "30 mΩ"
+longest_interval = "1 s"
+file = "jump.csv"
+"#;
+
+/// A trace of a file alone.
+fn files(more: &str, rows: &str) -> Files {
+    let files =
+        Files::short(2).without(EXPERIMENT, "fixture_check").without(EXPERIMENT, "eis").append(EXPERIMENT, &format!("{HEAD}{more}"));
+    files.write("experiments/jump.csv", rows);
+    files
+}
+
+/// The bench with one of each second kind.
+fn mixed(files: Files) -> Files {
+    let text = fs::read_to_string(crate::configuration::configs().join("benches/mixed.toml")).unwrap();
+    files.write(BENCH, &text);
+    files
+}
+
+fn run(files: &Files) -> (Finished, Vec<TraceRow>, RunIndex) {
+    let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
+    let rows = read_trace_csv(&files.path("run/series_jump_1.bdf.csv")).unwrap();
+    let index = serde_json::from_str(&files.text("run/traces.json")).unwrap();
+    (finished, rows, index)
+}
+
+fn refused(files: &Files) -> String {
+    load_experiment(&files.experiment(), None).unwrap_err().to_string()
+}
+
+/// Rows that lie within a stretch of test time.
+fn between(rows: &[TraceRow], from_s: f64, to_s: f64) -> Vec<&TraceRow> {
+    rows.iter().filter(|row| (from_s..to_s).contains(&row.time_s)).collect()
+}
+
+const METERED_WAY: &str = "through = \"load_and_supply\"\nlead_resistance = \"12 mΩ\"";
+const METERED: &str = "current_a,duration_s\n-6,10\n0,5\n2,10\n-3,4\n-8,4\n0,10\n";
+
+#[test]
+fn load_and_supply_play_what_is_drawn_and_what_is_charged_and_the_bipolar_supply_stays_off() {
+    for (name, files) in [("demo", files(METERED_WAY, METERED)), ("mixed", mixed(files(METERED_WAY, METERED)))] {
+        let (finished, rows, index) = run(&files);
+        for (from_s, to_s, amps) in [(1.0, 10.0, -6.0), (11.0, 15.0, 0.0), (16.5, 25.0, 2.0), (26.0, 29.0, -3.0), (30.0, 33.0, -8.0)] {
+            let met = between(&rows, from_s, to_s);
+            assert!(met.len() >= 3 && met.iter().all(|row| (row.current_a - amps).abs() < 0.02 + 0.01 * f64::abs(amps)), "{name}: {met:?}");
+        }
+        // The meters are as good as they are: a millivolt, and the time of a reading.
+        let start_v = index.traces[0].start_ocv_v;
+        let steps_s = &index.traces[0].steps_s;
+        assert_eq!(steps_s.len(), 6, "{steps_s:?}");
+        for (row, answer) in
+            rows.iter().zip(answer(&rows)).filter(|(row, _)| steps_s.iter().all(|step_s| !(0.0..0.5).contains(&(row.time_s - step_s))))
+        {
+            // The wire is known to 2 %.
+            let tolerance_v = 2.0e-3 + 0.5e-3 * row.current_a.abs();
+            assert!((row.voltage_v - start_v - answer).abs() < tolerance_v, "{name}: {row:?}, {} V", start_v + answer);
+        }
+        for role in ["supply4q", "generator"] {
+            let on = sent(&files.path("run"), role).into_iter().find(|message| message.contains("OUTP ON") || message.contains("OUTP1 ON"));
+            assert_eq!(on, None, "{name}: {role}");
+        }
+        let witness = finished.simulation.as_ref().unwrap().world().lock().unwrap().witness();
+        assert!(witness.abuse_count == 0 && witness.greatest_discharge_a < 8.2, "{name}: {witness:?}");
+    }
+}
+
+#[test]
+fn a_power_is_the_loads_own_constant_power_and_the_energy_is_the_profiles() {
+    for (name, files, function) in [
+        ("demo", files("through = \"load_and_supply\"", "time_s,power_w\n0,20\n20,45\n40,0\n50,0\n"), ":FUNC POWer"),
+        ("mixed", mixed(files("through = \"load_and_supply\"", "time_s,power_w\n0,20\n20,45\n40,0\n50,0\n")), ":SOUR:FUNC POW"),
+    ] {
+        let (_, rows, _) = run(&files);
+        // A profile counts what is drawn as positive, a series what is charged.
+        for (from_s, to_s, watts) in [(2.0, 20.0, -20.0), (22.0, 40.0, -45.0)] {
+            let met = between(&rows, from_s, to_s);
+            let powers: Vec<f64> = met.iter().map(|row| row.current_a * row.voltage_v).collect();
+            // 16 mΩ of wire lie between the load's terminals and its sense leads.
+            assert!(powers.len() > 10 && powers.iter().all(|power| (power / watts - 1.0).abs() < 0.02), "{name}: {powers:?}");
+            assert!(met.first().unwrap().current_a > met.last().unwrap().current_a, "the current follows the voltage: {name}: {met:?}");
+        }
+        assert!(sent(&files.path("run"), "load").contains(&function.to_owned()), "{name}");
+    }
+}
+
+#[test]
+fn what_an_instrument_cannot_is_said_with_the_row_and_what_it_can() {
+    for (through, rows, expected) in [
+        (
+            "load_and_supply",
+            "current_a,duration_s\n-5,10\n-31,10\n",
+            "traces.jump.file: row 2: expected -30 A to 0 A, which the load siglent-sdl1000x can drive, found -31 A",
+        ),
+        (
+            "load_and_supply",
+            "power_w,duration_s\n-60,10\n-220,10\n",
+            "traces.jump.file: row 2: expected -30 A to 0 A, which the load siglent-sdl1000x can drive, found -220 W, -88.000 A at 2.5 V",
+        ),
+        (
+            "load_and_supply",
+            "current_a,duration_s\n5,10\n",
+            "traces.jump.file: row 1: expected 0 A to 3.2 A, which the supply siglent-spd3303x can drive, found 5 A",
+        ),
+        (
+            "load_and_supply",
+            "current_a,duration_s\n-5,0.2\n",
+            "traces.jump.file: row 1: expected 1 s to 86400 s, which load and supply can play, found 0.2 s; `step` averages rows, \
+             `through = \"wave\"` plays them from 1 ms on",
+        ),
+        (
+            "wave",
+            "current_a,duration_s\n-5,0.002\n-6,0.003\n",
+            "traces.jump.file: row 2: expected a multiple of the shortest row, 0.002 s, found 0.003 s; `step` averages",
+        ),
+        (
+            "wave",
+            "current_a,duration_s\n-5,0.002\n-6,60\n",
+            "traces.jump.file: expected at most 16384 steps, which is what siglent-sdg1000x holds, found 32768 of 2 ms; `step` of 3.9 ms or more averages",
+        ),
+        ("auto", "current_a,duration_s\n-35,0.5\n", "nothing on the bench can play it; bipolar: row 1: expected -20 A to 20 A"),
+        (
+            "wave",
+            "power_w,duration_s\n-80,0.002\n",
+            "row 1: expected -20 A to 20 A, which the bipolar supply kepco-bop-mg can drive, found -80 W, -32.000 A",
+        ),
+    ] {
+        let message = refused(&files(&format!("through = \"{through}\""), rows));
+        assert!(message.contains(expected), "{message}");
+    }
+    let message = refused(&files("step = \"1 s\"", "time_s,resistance_ohm\n0,1\n1,1\n"));
+    assert!(message.contains("nor is it a profile over time: expected powers or currents, found resistances of a load"), "{message}");
+    // Beyond the cell itself it is the plan that refuses.
+    let plan = crate::support::program(&[
+        "plan".as_ref(),
+        files("through = \"load_and_supply\"", "current_a,duration_s\n-29,600\n").experiment().as_os_str(),
+    ]);
+    assert!(plan.message().contains("expected charge within ±2.250 Ah of the start, found -4.833 Ah"), "{}", plan.stderr);
+}
+
+#[test]
+fn the_first_way_that_can_is_taken() {
+    for (rows, words) in [
+        ("current_a,duration_s\n-5,2\n0,4\n", " frames, "),
+        ("current_a,duration_s\n-5,0.01\n3,0.02\n", "by a wave of 512 steps of 10 ms in the generator's memory"),
+        ("current_a,duration_s\n-25,2\n0,4\n", "through load and supply"),
+    ] {
+        let plan = crate::support::program(&["plan".as_ref(), files("through = \"auto\"", rows).experiment().as_os_str()]);
+        assert!(plan.expect_code(0).stdout.contains(words), "{}", plan.stdout);
+    }
+}
+
+#[test]
+fn rows_that_are_too_fast_are_averaged_and_what_is_lost_is_said_in_plan_and_report() {
+    // 40 W for half of every fifth of a second.
+    let rows: String = (0..100).map(|k| format!("{},0.1\n", if k % 2 == 0 { -40 } else { 0 })).collect();
+    let files = files("through = \"load_and_supply\"\nstep = \"1 s\"", &format!("power_w,duration_s\n{rows}"));
+    let said = "100 powers averaged over steps of 1 s: the energy of each step is kept, 20.000 W rms (70.7 % of the rows' rms) and at most 20.000 W are left out";
+    let plan = crate::support::program(&["plan".as_ref(), files.experiment().as_os_str()]);
+    assert!(plan.expect_code(0).stdout.contains(said), "{}", plan.stdout);
+    let (finished, rows, _) = run(&files);
+    let energy_j: f64 = rows
+        .windows(2)
+        .map(|p| 0.5 * (p[0].current_a * p[0].voltage_v + p[1].current_a * p[1].voltage_v) * (p[1].time_s - p[0].time_s))
+        .sum();
+    assert!((energy_j / -200.0 - 1.0).abs() < 0.03, "{energy_j} J");
+    assert!(
+        finished.summary.contains(said) && files.text("run/report.html").contains("100 powers averaged over steps of 1 s"),
+        "{}",
+        finished.summary
+    );
+}
+
+/// A robot's jump, A, discharge positive: a crouch, the push, the flight, and what the landing gives back, every 2 ms.
+fn jump_a(time_s: f64) -> f64 {
+    let bump = |from_s: f64, length_s: f64, amps: f64| {
+        let share = (time_s - from_s) / length_s;
+        if (0.0..1.0).contains(&share) { amps * (std::f64::consts::PI * share).sin() } else { 0.0 }
+    };
+    bump(0.0, 0.4, 4.0) + bump(0.4, 0.25, 16.0) + bump(1.0, 0.15, -7.0)
+}
+
+fn jump(column: &str, factor: f64) -> String {
+    let rows = (0..=600).map(|k| 0.002 * f64::from(k));
+    rows.fold(format!("time_s,{column}\n"), |text, time_s| text + &format!("{time_s:.3},{:.4}\n", factor * jump_a(time_s + 0.001)))
+}
+
+#[test]
+fn a_wave_plays_two_milliseconds_and_the_record_is_the_profile_and_the_truth() {
+    for (name, files) in [
+        ("demo", files("through = \"wave\"", &jump("current_a", 1.0))),
+        ("mixed", mixed(files("through = \"wave\"", &jump("current_a", 1.0)))),
+    ] {
+        let (finished, rows, index) = run(&files);
+        // The supply's gain is 2 % low, and its zero error flows all the time.
+        let steps: Vec<&TraceRow> = between(&rows, 0.5, 1.7);
+        assert!(steps.len() > 420, "{name}: {} rows", steps.len());
+        let zero_a = rows[0].current_a;
+        let worst_a = steps.iter().map(|row| (row.current_a - zero_a + 0.98 * jump_a(row.time_s - 0.5)).abs()).fold(0.0, f64::max);
+        // A step of the SDG may be off by 0.4 % of 16 A, and its edge by a sample.
+        assert!(worst_a < 0.2, "{name}: off by {worst_a} A");
+        let trace = &index.traces[0];
+        let off_v = rows.iter().zip(answer(&rows)).map(|(row, answer)| row.voltage_v - trace.start_ocv_v - answer);
+        let (mut worst_v, mut squares) = (0.0_f64, 0.0);
+        off_v.for_each(|off_v| (worst_v, squares) = (worst_v.max(off_v.abs()), squares + off_v * off_v));
+        let rms_v = (squares / rows.len() as f64).sqrt();
+        assert!(worst_v < 5.0e-3 && rms_v < 1.0e-3, "{name}: off by {worst_v} V, {rms_v} V rms");
+        assert_eq!(trace.steps_s.len(), 2, "{:?}", trace.steps_s);
+        assert!((trace.steps_s[0] - 0.5).abs() < 0.005 && (trace.steps_s[1] - 1.65).abs() < 0.01, "{:?}", trace.steps_s);
+        // It was read all the while, and taken away before it came again.
+        let world = finished.simulation.as_ref().unwrap().world().lock().unwrap().clone();
+        let witness = world.witness();
+        assert!(witness.abuse_count == 0 && witness.greatest_discharge_a < 16.5 && world.truth_current_a() == 0.0, "{name}: {witness:?}");
+        // Whoever simulates can take the profile from it.
+        let options = ReadOptions { demand: None, interpolation: Interpolation::Linear, charge_positive: false };
+        let profile = Profile::read(&files.path("run/series_jump_1.bdf.csv"), &options).unwrap();
+        assert!(profile.demand == Demand::Current && profile.value.iter().copied().fold(0.0, f64::max) > 15.0, "discharge positive");
+    }
+}
+
+#[test]
+fn powers_of_a_wave_take_the_voltage_at_rest_and_the_report_says_what_flowed() {
+    let files = files("through = \"wave\"\nscale = 0.5", &jump("power_w", 3.8));
+    let (finished, rows, index) = run(&files);
+    let ocv_v = index.traces[0].start_ocv_v;
+    let zero_a = rows[0].current_a;
+    let worst_a = between(&rows, 0.5, 1.7)
+        .iter()
+        .map(|row| (row.current_a - zero_a + 0.98 * 0.5 * 3.8 / ocv_v * jump_a(row.time_s - 0.5)).abs())
+        .fold(0.0, f64::max);
+    assert!(worst_a < 0.12, "off by {worst_a} A");
+    assert!(finished.summary.contains("powers were turned into currents at the 3.79"), "{}", finished.summary);
+}
+
+#[test]
+fn the_interlock_ends_a_wave_that_leaves_the_window() {
+    // The cell resists more than the file claims, and the push comes again and again: a reading sees it, or the record.
+    let rows: String = (0..8).map(|_| "-19,1.0\n-18,0.1\n").collect();
+    let files = files("through = \"wave\"", &format!("current_a,duration_s\n{rows}")).edit(EXPERIMENT, "\"30 mΩ\"", "\"0.5 mΩ\"").edit(
+        CELL,
+        "voltage_min = \"2.5 V\"",
+        "voltage_min = \"3.70 V\"",
+    );
+    let failure = run_experiment(&files.load(), &files.path("run")).map(|_| ()).unwrap_err();
+    let message = failure.to_string();
+    assert_eq!(failure.exit_code(), 5, "{message}");
+    assert!(message.starts_with("interlock: cell voltage 3.") && message.contains("left its limits (3.7 V to 4.2 V)"), "{message}");
+    let events = files.text("run/events.csv");
+    let at =
+        |text: &str| events.lines().rfind(|line| line.contains(text)).and_then(|line| line.split(',').next()?.parse::<f64>().ok()).unwrap();
+    let readings = files.text("run/readings.csv");
+    let last_s: f64 = readings.lines().last().and_then(|line| line.split(',').next()?.parse().ok()).unwrap();
+    // Within the profile, not by its record.
+    assert!(last_s - at("trace jump") < 20.0, "{last_s}");
+    assert!(!files.path("run/traces.json").exists());
+}

@@ -1,0 +1,89 @@
+//! Model files follow the schema of `docs/model.schema.json`. Knows the words of JSON Schema that this schema uses, and no others.
+
+use serde_json::Value;
+
+use crate::support::{json, program};
+
+/// What of a value is not as the schema has it.
+fn mistakes(schema: &Value, root: &Value, value: &Value, at: &str) -> Vec<String> {
+    let known = [
+        "$schema",
+        "$defs",
+        "title",
+        "description",
+        "type",
+        "required",
+        "properties",
+        "items",
+        "$ref",
+        "enum",
+        "const",
+        "minimum",
+        "exclusiveMinimum",
+    ];
+    let words = schema.as_object().unwrap();
+    assert!(words.keys().all(|word| known.contains(&word.as_str())), "{at}: {words:?}");
+    if let Some(name) = schema["$ref"].as_str() {
+        return mistakes(root.pointer(name.trim_start_matches('#')).unwrap(), root, value, at);
+    }
+    let mut found = Vec::new();
+    let is = |kind: &str| match kind {
+        "object" => value.is_object(),
+        "array" => value.is_array(),
+        "string" => value.is_string(),
+        "integer" => value.is_u64() || value.is_i64(),
+        "number" => value.is_number(),
+        "null" => value.is_null(),
+        other => panic!("{other}"),
+    };
+    let kinds: Vec<&str> = schema["type"]
+        .as_array()
+        .map_or_else(|| schema["type"].as_str().into_iter().collect(), |all| all.iter().filter_map(Value::as_str).collect());
+    if !kinds.is_empty() && !kinds.iter().any(|kind| is(kind)) {
+        return vec![format!("{at}: expected {kinds:?}, met {value}")];
+    }
+    let refused = [
+        words.contains_key("const") && schema["const"] != *value,
+        schema["enum"].as_array().is_some_and(|all| !all.contains(value)),
+        schema["minimum"].as_f64().zip(value.as_f64()).is_some_and(|(least, met)| met < least),
+        schema["exclusiveMinimum"].as_f64().zip(value.as_f64()).is_some_and(|(least, met)| met <= least),
+    ];
+    if refused.contains(&true) {
+        found.push(format!("{at}: met {value}"));
+    }
+    if let Some(object) = value.as_object() {
+        let required = schema["required"].as_array().into_iter().flatten().filter_map(Value::as_str);
+        found.extend(required.filter(|name| !object.contains_key(*name)).map(|name| format!("{at}: no {name}")));
+        for (name, below) in schema["properties"].as_object().into_iter().flatten() {
+            found.extend(object.get(name).map_or_else(Vec::new, |value| mistakes(below, root, value, &format!("{at}.{name}"))));
+        }
+    }
+    if let (Some(items), true) = (value.as_array(), words.contains_key("items")) {
+        found.extend(items.iter().enumerate().flat_map(|(k, item)| mistakes(&schema["items"], root, item, &format!("{at}[{k}]"))));
+    }
+    found
+}
+
+#[test]
+fn model_files_follow_their_schema() {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let schema = json(format!("{root}/docs/model.schema.json").as_ref());
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("fit");
+    let spectrum = format!("{root}/fixtures/data/spectra/vendors/autolab.txt");
+    program(&["fit".as_ref(), spectrum.as_ref(), "--rc".as_ref(), "2".as_ref(), "--out".as_ref(), out.as_os_str()]).expect_code(0);
+    let found = crate::support::files_below(&out).into_iter().find(|file| file.ends_with("model_2rc.json")).unwrap();
+    let mut model = json(&out.join(found));
+    assert_eq!(mistakes(&schema, &schema, &model, "model"), [""; 0]);
+    // Every field of the file is in the schema.
+    for name in model.as_object().unwrap().keys() {
+        assert!(schema["properties"].get(name).is_some(), "{name}");
+    }
+    for name in model["fit"].as_object().unwrap().keys() {
+        assert!(schema["properties"]["fit"]["properties"].get(name).is_some(), "fit.{name}");
+    }
+    model["fit"]["erm"]["branches"][0]["c_f"] = Value::from(-1.0);
+    model["rc"] = Value::from("two");
+    let said = mistakes(&schema, &schema, &model, "model");
+    assert_eq!(said, ["model.fit.erm.branches[0].c_f: met -1.0", "model.rc: expected [\"integer\"], met \"two\""]);
+}

@@ -1,0 +1,241 @@
+//! What differs between two instruments of one model, or between the model and its manual: named switches, each with the model's own way as its default.
+//!
+//! The switches that every model has, and those of the transfer of blocks and of the error queue, are worked by one piece each; the others by the model.
+
+use std::{collections::BTreeMap, fmt};
+
+/// One switch.
+#[derive(Debug, Clone, Copy)]
+pub struct Quirk {
+    /// Its name in a bench file.
+    pub name: &'static str,
+    /// What it does, for people.
+    pub about: &'static str,
+    /// What it can be, and is unless told otherwise.
+    pub kind: Kind,
+}
+
+/// What a switch can be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Kind {
+    /// On or off.
+    Switch(bool),
+    /// A number, with its least and its greatest value.
+    Number(f64, (f64, f64)),
+    /// One of these words; the first unless told otherwise.
+    Word(&'static [&'static str]),
+}
+
+/// Where a switch stands.
+#[derive(Debug, Clone, PartialEq, serde::Deserialize)]
+#[serde(untagged)]
+pub enum Value {
+    /// On or off.
+    Switch(bool),
+    /// A number.
+    Number(f64),
+    /// A word.
+    Word(String),
+}
+
+/// A switch that a model does not have, or a value that it cannot take.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("quirk {name}: expected {expected}, found {found}")]
+pub struct QuirkError {
+    /// The name that was given.
+    pub name: String,
+    expected: String,
+    found: String,
+}
+
+/// Where the switches of one instrument stand.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Quirks(BTreeMap<String, Value>);
+
+const fn quirk(name: &'static str, about: &'static str, kind: Kind) -> Quirk {
+    Quirk { name, about, kind }
+}
+
+/// What the wire or a box before the instrument may do to any of them.
+pub(super) const COMMON: &[Quirk] = &[
+    quirk("echo", "every message is sent back before it is answered", Kind::Switch(false)),
+    quirk("min_gap", "a message that comes so soon after the last one is lost, s", Kind::Number(0.0, (0.0, 10.0))),
+    quirk("first_answer", "the first answer on a connection comes so late, s", Kind::Number(0.0, (0.0, 60.0))),
+    quirk("late_end", "the last byte of an answer comes so much later, s", Kind::Number(0.0, (0.0, 10.0))),
+    quirk("digits", "an answer of one number has so many significant digits; 0: as the model prints it", Kind::Number(0.0, (0.0, 12.0))),
+    quirk("second_client", "one who connects while another is served waits, or is refused", Kind::Word(&["starve", "refuse"])),
+];
+/// Of models that send blocks with one line end.
+pub(super) const BLOCKS: &[Quirk] = &[quirk("double_end", "two line ends behind a block", Kind::Switch(false)), PREFIX];
+/// Of models that send blocks with two line ends.
+pub(super) const DOUBLE_BLOCKS: &[Quirk] = &[quirk("double_end", "two line ends behind a block", Kind::Switch(true)), PREFIX];
+const PREFIX: Quirk = quirk("block_prefix", "a text before the `#` of a block", Kind::Switch(false));
+/// Of models with an error queue.
+pub(super) const QUEUE: &[Quirk] = &[quirk("unknown", "what an unknown header gets", Kind::Word(&["error", "silence"]))];
+/// Of models that refuse what is out of range.
+pub(super) const REFUSES: &[Quirk] = &[quirk("clamps", "what is out of range is limited without a word", Kind::Switch(false))];
+/// Of models that limit what is out of range.
+pub(super) const CLAMPS: &[Quirk] = &[quirk("clamps", "what is out of range is limited without a word", Kind::Switch(true))];
+
+pub(super) const KEPCO_MG: &[Quirk] =
+    &[quirk("off_active", "its output, when off, is held at zero volts until it is told otherwise", Kind::Switch(false))];
+pub(super) const KEPCO_LINEAR: &[Quirk] =
+    &[quirk("analog_wired", "the analog input is wired up and commands the output whenever that is on", Kind::Switch(true))];
+pub(super) const FAST_PS: &[Quirk] = &[
+    quirk("local", "it takes no command: NAK 15", Kind::Switch(false)),
+    quirk("fault", "a fault is latched: NAK 08 to MON", Kind::Switch(false)),
+    quirk("no_analog_input", "it lacks the option: NAK 24", Kind::Switch(false)),
+    quirk("own_volts", "what MLIMITS says of the voltage, V", Kind::Number(20.0, (0.0, 20.0))),
+    quirk("own_amps", "what MLIMITS says of the current, A", Kind::Number(20.0, (0.0, 20.0))),
+];
+const PAGE: Quirk = quirk("page_points", "points in one page of a waveform", Kind::Number(10_000_000.0, (1.0, 10_000_000.0)));
+const STICKY: Quirk = quirk("sticky_transfer", "how waveforms are sent stays from one client to the next", Kind::Switch(true));
+const STOP: Quirk = quirk("stop_delay", "it goes on for so long after it was told to stop, s", Kind::Number(0.0, (0.0, 60.0)));
+const UNIT: Quirk = quirk("unit_after_probe", "another probe factor makes amperes of the volts", Kind::Switch(false));
+pub(super) const SDS: &[Quirk] = &[
+    PAGE,
+    quirk("announced_points", "points that it announces for a page; 0: as many as it sends", Kind::Number(0.0, (0.0, 10_000_000.0))),
+    quirk("zeroed_descriptor", "a descriptor of zeros before the first frame; else it does not answer", Kind::Switch(true)),
+    STICKY,
+    STOP,
+    UNIT,
+];
+pub(super) const DHO: &[Quirk] = &[PAGE, STICKY, STOP, quirk("flash", "the status shows `TD` only for a moment", Kind::Switch(true))];
+pub(super) const DL3000: &[Quirk] = &[quirk("measured_end", "two line ends behind a measurement", Kind::Switch(true))];
+pub(super) const JULABO: &[Quirk] = &[
+    quirk("local", "left in manual mode at its panel: it obeys no command", Kind::Switch(false)),
+    quirk("strict_pacing", "a command that comes too soon after a write is lost", Kind::Switch(false)),
+];
+pub(super) const HUBER: &[Quirk] = &[quirk("bath_sensor", "what its bath shows", Kind::Word(&["present", "absent", "unknown"]))];
+pub(super) const SDM: &[Quirk] = &[
+    quirk("unit", "unit of temperatures that an earlier client left", Kind::Word(&["C", "F", "K"])),
+    quirk("open_thermocouple", "nothing is connected", Kind::Switch(false)),
+];
+pub(super) const SCANNER: &[Quirk] = &[quirk("open_thermocouple", "nothing is connected", Kind::Switch(false))];
+pub(super) const RELAYS: &[Quirk] = &[
+    quirk("sensor", "what becomes of a conversion", Kind::Word(&["sound", "crc", "power_on", "stuck", "absent"])),
+    quirk("relay", "what the relays do", Kind::Word(&["sound", "refused", "welded"])),
+];
+
+impl Quirks {
+    /// The switches of a model as they are told, the others as its own way is.
+    pub(super) fn of(known: &[&'static [Quirk]], told: &Self) -> Result<Self, QuirkError> {
+        let all = || known.iter().copied().flatten();
+        let mut quirks: BTreeMap<String, Value> = all().map(|quirk| (quirk.name.to_owned(), quirk.kind.usual())).collect();
+        for (name, value) in &told.0 {
+            let Some(quirk) = all().find(|quirk| quirk.name == name) else {
+                let expected = format!("one of {}", all().map(|quirk| quirk.name).collect::<Vec<_>>().join(", "));
+                return Err(QuirkError { name: name.clone(), expected, found: format!("`{name}`") });
+            };
+            if !quirk.kind.takes(value) {
+                return Err(QuirkError { name: name.clone(), expected: quirk.kind.to_string(), found: value.to_string() });
+            }
+            quirks.insert(name.clone(), value.clone());
+        }
+        Ok(Self(quirks))
+    }
+
+    /// The same with one more.
+    #[must_use]
+    pub fn with(mut self, name: &str, value: impl Into<Value>) -> Self {
+        self.0.insert(name.to_owned(), value.into());
+        self
+    }
+
+    /// A switch; off where the model has none.
+    pub(super) fn is(&self, name: &str) -> bool {
+        self.0.get(name) == Some(&Value::Switch(true))
+    }
+
+    /// A number; 0 where the model has none.
+    pub(super) fn number(&self, name: &str) -> f64 {
+        if let Some(Value::Number(number)) = self.0.get(name) { *number } else { 0.0 }
+    }
+
+    /// A number of things.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "of a bounded kind")]
+    pub(super) fn count(&self, name: &str) -> usize {
+        self.number(name).max(0.0) as usize
+    }
+
+    /// A word; empty where the model has none.
+    pub(super) fn word(&self, name: &str) -> &str {
+        if let Some(Value::Word(word)) = self.0.get(name) { word } else { "" }
+    }
+}
+
+impl FromIterator<(String, Value)> for Quirks {
+    fn from_iter<T: IntoIterator<Item = (String, Value)>>(told: T) -> Self {
+        Self(told.into_iter().collect())
+    }
+}
+
+impl Kind {
+    fn usual(self) -> Value {
+        match self {
+            Self::Switch(on) => on.into(),
+            Self::Number(number, _) => number.into(),
+            Self::Word(words) => words.first().copied().unwrap_or("").into(),
+        }
+    }
+
+    fn takes(self, value: &Value) -> bool {
+        match (self, value) {
+            (Self::Switch(_), Value::Switch(_)) => true,
+            (Self::Number(_, (least, greatest)), Value::Number(number)) => (least..=greatest).contains(number),
+            (Self::Word(words), Value::Word(word)) => words.contains(&word.as_str()),
+            _ => false,
+        }
+    }
+
+    /// Settings worth trying, the usual one left out.
+    pub fn others(self) -> Vec<Value> {
+        match self {
+            Self::Switch(on) => vec![(!on).into()],
+            Self::Number(usual, (least, greatest)) => {
+                // Of a wide span its geometric middle too.
+                let middle = (least.max(1e-3) * greatest).sqrt();
+                [least, middle, greatest].into_iter().filter(|number| *number != usual).map(Value::from).collect()
+            }
+            Self::Word(words) => words.iter().skip(1).map(|word| (*word).into()).collect(),
+        }
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Switch(_) => f.write_str("true or false"),
+            Self::Number(_, (least, greatest)) => write!(f, "a number from {least} to {greatest}"),
+            Self::Word(words) => write!(f, "one of {}", words.join(", ")),
+        }
+    }
+}
+
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Switch(on) => on.fmt(f),
+            Self::Number(number) => number.fmt(f),
+            Self::Word(word) => write!(f, "`{word}`"),
+        }
+    }
+}
+
+impl From<bool> for Value {
+    fn from(on: bool) -> Self {
+        Self::Switch(on)
+    }
+}
+
+impl From<f64> for Value {
+    fn from(number: f64) -> Self {
+        Self::Number(number)
+    }
+}
+
+impl From<&str> for Value {
+    fn from(word: &str) -> Self {
+        Self::Word(word.to_owned())
+    }
+}
