@@ -106,7 +106,10 @@ fn a_bench_is_switched_off_beside_a_daemon_that_ends_on_request() {
 
 #[test]
 fn a_load_that_draws_during_a_pause_trips() {
-    paused(Action::Load(LoadState { input_on: true, current_a: 1.0, min_voltage_v: 0.0, power_w: None }), "interlock: current of the load ");
+    paused(
+        Action::Load(LoadState { input_on: true, current_a: 1.0, min_voltage_v: 0.0, power_w: None }),
+        "interlock: current of the load ",
+    );
 }
 
 #[test]
