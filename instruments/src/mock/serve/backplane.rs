@@ -7,7 +7,7 @@ use std::{
     collections::VecDeque,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicU64, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
     time::Duration,
 };
@@ -50,6 +50,8 @@ struct Shared {
     output: Mutex<Output>,
     /// Counts device clears.
     generation: AtomicU64,
+    /// A client has come since the last message.
+    has_come: AtomicBool,
     changed: Notify,
     taken: Notify,
     cleared: Notify,
@@ -95,6 +97,7 @@ impl Backplane {
         let shared = Arc::new(Shared {
             output: Mutex::default(),
             generation: AtomicU64::new(0),
+            has_come: AtomicBool::new(false),
             changed: Notify::new(),
             taken: Notify::new(),
             cleared: Notify::new(),
@@ -107,6 +110,7 @@ impl Backplane {
     pub(super) async fn sit_down(&self, clock: &Clock) -> Option<OwnedMutexGuard<()>> {
         let seat = clock.deadline(SEAT, self.seat.clone().lock_owned()).await.ok()?;
         self.shared.output().stops = false;
+        self.shared.has_come.store(true, Ordering::SeqCst);
         Some(seat)
     }
 
@@ -235,6 +239,9 @@ async fn work(
     while let Some(message) = inbox.recv().await {
         if message.generation != shared.generation() {
             continue;
+        }
+        if shared.has_come.swap(false, Ordering::SeqCst) {
+            device.connected(clock.now_s());
         }
         let (steps, then) = answer(device.as_mut(), clock.now_s(), &message.bytes);
         let says_nothing = !steps.iter().any(|step| matches!(step, Step::Put { .. }));
