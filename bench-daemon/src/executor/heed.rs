@@ -34,7 +34,8 @@ impl Executor<'_> {
     }
 
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        self.ahead = None;
+        // What is begun again afterwards is written down again.
+        (self.announced, self.ahead) = (None, None);
         self.bench.safe_state().await.map_err(first)?;
         self.recorder.journal(Entry::Safe)?;
         self.recorder.journal(Entry::Paused)?;

@@ -150,7 +150,8 @@ impl Post {
         let job = Job { item: item.clone(), ended: Some(ended.clone()) };
         let kept = jobs::write(&server.settings.data, &job);
         let mut queue = server.queue();
-        let held = if ended.finished { Ok(()) } else { queue.hold(&item.bench, &format!("{} ended early: {}", item.run, ended.how)) };
+        let held =
+            if ended.finished { Ok(()) } else { queue.hold(&item.bench, &format!("{} did not come to its end: {}", item.run, ended.how)) };
         let done = queue.done(item.id);
         drop(queue);
         for error in [kept.err(), held.err().map(|error| error.to_string()), done.err().map(|error| error.to_string())].iter().flatten() {

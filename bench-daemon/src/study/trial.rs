@@ -86,8 +86,10 @@ pub struct Recommended {
     pub settles: bool,
     /// The end with it.
     pub settled: End,
-    /// Names with the λ of each, and rivals with their score less that of the named one, given then.
-    pub named: (Vec<(&'static str, f64)>, Vec<(&'static str, f64)>),
+    /// Names given then, with the λ of each.
+    pub named: Vec<(&'static str, f64)>,
+    /// Rivals given then, with their score less that of the named one.
+    pub rivals: Vec<(&'static str, f64)>,
     /// Summary and notes then.
     pub notes: Vec<String>,
 }
@@ -156,7 +158,8 @@ fn recommended(truth: &[&str], before: &Outcome, after: &Outcome) -> Option<Reco
         duration_min: next.duration_min,
         settles: next.settles,
         settled: end(Some(d.verdict), truth, &named, &rivals),
-        named: (d.effects.iter().map(|e| (e.name, e.evidence.lambda)).collect(), d.rivals.iter().map(|r| (r.name, r.score_gap)).collect()),
+        named: d.effects.iter().map(|e| (e.name, e.evidence.lambda)).collect(),
+        rivals: d.rivals.iter().map(|r| (r.name, r.score_gap)).collect(),
         notes: std::iter::once(&d.summary).chain(&d.notes).cloned().collect(),
     })
 }

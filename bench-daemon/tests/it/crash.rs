@@ -114,6 +114,23 @@ fn spectra(run: &Path) -> Vec<ImpedancePoint> {
     ["cell", "cell_2"].into_iter().flat_map(|name| read_spectrum_csv(&run.join(format!("raw_{name}.csv"))).unwrap()).collect()
 }
 
+/// What a run says on a machine that is too slow for the pace: a simulated scope forgets a frame that is not fetched in time. It has ended in safe
+/// state, and goes on like any other.
+const TOO_SLOW: &str = "no frame was completed since the scope was armed";
+
+/// Goes on until the run is finished.
+#[track_caller]
+fn finish(run: &Path, drill: &str) {
+    for _ in 0..5 {
+        let ended = resume(run, &[]);
+        if ended.code == Some(0) {
+            return;
+        }
+        assert!(ended.message().contains(TOO_SLOW), "{drill}: {}", ended.stderr);
+    }
+    panic!("{drill}: the machine is too slow for {FACTOR} bench seconds in one");
+}
+
 /// Runs or goes on until it dies at a point; whether it did.
 fn dies(mut command: std::process::Command, drill: &str) -> bool {
     let ended = command.env("EIS_BENCH_DRILL", drill).output().unwrap();
@@ -121,7 +138,8 @@ fn dies(mut command: std::process::Command, drill: &str) -> bool {
         return true;
     }
     // It exchanged less than the undisturbed run: there was nothing to die at.
-    assert_eq!(ended.status.code(), Some(0), "{drill}: {}", String::from_utf8_lossy(&ended.stderr));
+    let text = String::from_utf8_lossy(&ended.stderr);
+    assert!(ended.status.code() == Some(0) || text.contains(TOO_SLOW), "{drill}: {text}");
     false
 }
 
@@ -199,7 +217,9 @@ fn crash((index, drill): (usize, &str), (reference, agrees): (&[ImpedancePoint],
         let refused = resume(&run, &[]);
         refused.expect_code(2);
         assert!(refused.message().contains("nothing was done yet"), "{drill}: {}", refused.message());
-        files.run("again").expect_code(0);
+        if files.run("again").code != Some(0) {
+            finish(&files.path("again"), drill);
+        }
         return format!("{drill:<14} nothing was done yet, run from the beginning, {:.1} σ", distance(&files.path("again"), reference));
     }
     let mut became = "was finished";
@@ -211,7 +231,7 @@ fn crash((index, drill): (usize, &str), (reference, agrees): (&[ImpedancePoint],
             became = "died again, went on";
         }
         if !told("{\"ended\":{\"how\":\"finished\"}}") {
-            resume(&run, &[]).expect_code(0);
+            finish(&run, drill);
         }
         let after = rows(&run);
         for (name, rows) in &before {
@@ -235,7 +255,9 @@ fn crash((index, drill): (usize, &str), (reference, agrees): (&[ImpedancePoint],
 fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     let files = files();
     let ports = Ports::serve(&files, FACTOR, 1);
-    files.run("whole").expect_code(0);
+    if files.run("whole").code != Some(0) {
+        finish(&files.path("whole"), "whole");
+    }
     assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
     drop(ports);
     let reference = spectra(&files.path("whole"));

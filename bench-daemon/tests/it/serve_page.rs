@@ -135,6 +135,7 @@ impl Browser {
         self.size(size);
         let height = self.script("return document.documentElement.scrollHeight").as_u64().unwrap();
         self.size((size.0, u32::try_from(height).unwrap().clamp(size.1, 5000)));
+        self.script("window.scrollTo(0, 0)");
         let answer = exchange(&self.driver, "GET", &format!("{}/screenshot", self.session), "");
         let bytes = base64(answer.json()["value"].as_str().unwrap());
         let kind = if size == PHONE { "phone" } else { "desktop" };
@@ -216,6 +217,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.click("#stop");
     browser.wait("#stopped", "every output is off, read back");
     ports.assert_outputs_off();
+    browser.click("#stopped summary");
     let said = browser.text("#stopped");
     for words in ["supply4q", "load", "generator", "off, read back"] {
         assert!(said.contains(words), "{said}");

@@ -174,7 +174,7 @@ fn read(mut stream: TcpStream) -> Answer {
     while let Ok(read @ 1..) = stream.read(&mut part) {
         bytes.extend(&part[..read]);
         let known = answer(&bytes);
-        let length = known.head.split_once("content-length: ").and_then(|(_, rest)| rest.lines().next()?.trim().parse::<usize>().ok());
+        let length = known.head.split_once("content-length:").and_then(|(_, rest)| rest.lines().next()?.trim().parse::<usize>().ok());
         if known.status != 0 && length.is_some_and(|length| known.body.len() >= length) {
             break;
         }
@@ -185,7 +185,7 @@ fn read(mut stream: TcpStream) -> Answer {
 /// One question and its answer over a connection of its own.
 pub(crate) fn exchange(address: &str, method: &str, path: &str, body: &str) -> Answer {
     let mut stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
     let length = body.len();
     let head = format!(
         "{method} {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nContent-Type: application/json\r\nContent-Length: {length}\r\n\r\n"

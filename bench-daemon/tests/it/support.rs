@@ -197,7 +197,9 @@ impl MockProcess {
             "--seed".as_ref(),
             seed.as_ref(),
         ]);
-        over.iter().for_each(|over| drop(command.args(["--over", over])));
+        for over in over {
+            command.args(["--over", over]);
+        }
         let mut process = Running(command.stderr(Stdio::inherit()).spawn().unwrap());
         let mut text = String::new();
         BufReader::new(process.0.stdout.as_mut().unwrap()).read_line(&mut text).unwrap();

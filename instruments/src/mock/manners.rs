@@ -51,7 +51,7 @@ fn ends_behind_block(reply: &[u8]) -> bool {
 fn rounded(reply: &[u8], digits: usize) -> Vec<u8> {
     let Ok(text) = std::str::from_utf8(reply) else { return reply.to_vec() };
     let body = text.trim_end();
-    [round(body, digits).as_bytes(), text[body.len()..].as_bytes()].concat()
+    [round(body, digits).as_bytes(), &text.as_bytes()[body.len()..]].concat()
 }
 
 /// A number in the form that it had; anything else as it is.

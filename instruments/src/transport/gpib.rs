@@ -44,8 +44,12 @@ impl Gpib {
         let name = greet(&mut stream).await?;
         let answers = Marked::new(name);
         let mut client = Self { stream, answers, under_way: 0, has_begun: false, has_data: false, at_line_end: false, cut_off: false };
-        client.tell(&[SETTINGS, format!("++addr {address}\n").as_bytes()].concat()).await?;
-        Ok(client)
+        let answer = client.tell(&[SETTINGS, format!("++addr {address}\n++addr\n").as_bytes()].concat()).await?;
+        // Whoever repeats himself has passed so far. Settings that an adapter does not know may have been answered, too.
+        match String::from_utf8_lossy(&answer).split_ascii_whitespace().last() {
+            Some(taken) if taken == address.to_string() => Ok(client),
+            _ => Err(no_adapter(&format!("takes address {address}"), &answer)),
+        }
     }
 
     pub(super) async fn send(&mut self, message: &[u8]) -> io::Result<()> {
@@ -162,6 +166,9 @@ async fn greet(stream: &mut Stream) -> io::Result<Vec<u8>> {
             return Ok(last.to_vec());
         }
     }
-    let found = excerpt(&heard);
-    Err(io::Error::new(io::ErrorKind::InvalidData, format!("expected a GPIB adapter that tells its version, found `{found}`")))
+    Err(no_adapter("tells its version", &heard))
+}
+
+fn no_adapter(that: &str, found: &[u8]) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, format!("expected a GPIB adapter that {that}, found `{}`", excerpt(found)))
 }

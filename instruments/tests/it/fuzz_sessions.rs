@@ -179,7 +179,7 @@ fn server_of(kind: Kind) -> Vec<Vec<u8>> {
         Kind::Vxi11Mapped => {
             vec![rpc::marked(&Reply { id: 1, verdict: Verdict::Success, results: &Writer::default().words(&[9]).done() }.encode())]
         }
-        _ => [&b"Prologix 1.0\r\nPrologix 1.0\r\n"[..], b"Prologix 1.0\r\n", b"0\r\nPrologix 1.0\r\n", b"1.25\nPrologix 1.0\r\n"]
+        _ => [&b"Prologix 1.0\r\nPrologix 1.0\r\n"[..], b"9\r\nPrologix 1.0\r\n", b"0\r\nPrologix 1.0\r\n", b"1.25\nPrologix 1.0\r\n"]
             .map(<[u8]>::to_vec)
             .into(),
     }

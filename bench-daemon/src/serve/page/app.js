@@ -10,7 +10,11 @@ const known = { benches: new Map(), bench: "", scopes: [], queue: { items: [], h
 const may = (scope) => known.scopes.includes(scope);
 const live = () => known.benches.get(known.bench);
 
+let silence = 0;
+
 function say(words, bad) {
+  clearTimeout(silence);
+  if (words && !bad) silence = setTimeout(() => say(""), 10000);
   $("said").hidden = !words;
   $("said").className = `banner ${bad ? "bad" : "note"}`;
   text($("said"), words || "");
@@ -98,7 +102,7 @@ function drawSpectra() {
     const sample = make("svg", { viewBox: "0 0 34 14", class: `sample curve c${one.index % MARKS.length}`, "aria-hidden": "true" },
       make("polyline", { points: "1,7 33,7" }), mark(MARKS[one.index % MARKS.length], 17, 7, 4));
     sample.lastChild.classList.add("mark");
-    return el("span", {}, sample, ` ${one.name} (${one.points.length} points${one.corrected ? "" : ", as read"})`);
+    return el("span", {}, sample, ` ${one.name} (${one.points.length} ${one.points.length === 1 ? "point" : "points"}${one.corrected ? "" : ", as read"})`);
   }));
   const head = ["Spectrum", "f / Hz", "Re Z / mΩ", "Im Z / mΩ", "±σ Re / µΩ"];
   const cell = (value, digits) => el("td", {}, value === null ? "–" : value.toPrecision(digits));

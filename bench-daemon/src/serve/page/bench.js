@@ -49,9 +49,9 @@ export function drawNow(live) {
   const control = reading && reading.fixture !== "cell";
   figures($("reading"), [
     [control ? `Voltage (${reading.fixture})` : "Cell voltage", fixed(reading && reading.voltage_v, 4), "V"],
-    ["Current", fixed(reading && reading.current_a, 3), "A", reading && reading.current_a > 0.05 ? "charge" : reading && reading.current_a < -0.05 ? "discharge" : ""],
+    ["Current", fixed(reading && reading.current_a, 3), "A", !going ? "" : reading && reading.current_a > 0.05 ? "charge" : reading && reading.current_a < -0.05 ? "discharge" : ""],
     ["Cell temperature", fixed(reading && reading.temperature_c, 2), "°C"],
-    ["State of charge", soc, "", live.soc ? "from the voltage at rest" : "not known yet"],
+    ["State of charge", soc, "", live.soc && !going ? "" : live.soc ? "from the voltage at rest" : "not known yet"],
   ], reading && !going ? "last reading" : "");
   $("limits").replaceChildren(...live.limits.map((limit) => bar(limit, going)));
 }
@@ -112,9 +112,9 @@ export function drawInstruments(live) {
   const going = live.run && live.run.going;
   $("instrumentrows").replaceChildren(...live.instruments.map((one) => {
     const output = one.output === true ? el("b", { class: "on" }, "● ON") : one.output === false ? el("span", { class: "off" }, "○ off") : "–";
-    const age = one.answered_s === null ? "–" : going ? `${duration(Math.max(0, now - one.answered_s))} ago` : "in the last run";
+    const age = one.answered_s === null ? "–" : going ? `${duration(Math.max(0, now - one.answered_s))} ago` : "last run";
     const who = one.identity ? `${one.model}${one.recognised === false ? " ✕ another model answers" : ""}` : `${one.model} (not asked yet)`;
-    const answer = one.trouble ? `▲ ${one.trouble}` : one.answered_s === null ? age : `answered ${age}`;
+    const answer = one.trouble ? `▲ ${one.trouble}` : one.answered_s === null ? "not asked" : going ? `answered ${age}` : "in the last run";
     return el("tr", { class: one.trouble ? "trouble" : "" }, el("th", { scope: "row" }, one.role), el("td", {}, output, el("small", {}, answer)),
       el("td", { title: one.identity || "" }, who, el("small", {}, one.address)));
   }));
@@ -145,7 +145,7 @@ export function drawStop(report) {
   banner.className = `banner ${!report.over ? "note" : report.verified ? "fine" : "bad"}`;
   banner.replaceChildren(
     el("strong", {}, head), ` By ${report.by}, ${when(report.unix_s)}.`,
-    el("ul", {}, ...report.steps.map((step) => el("li", {}, step)), ...report.outputs.map((output) => el("li", { class: output.off ? "" : "bad" }, `${output.off ? "○" : "▲"} ${output.text}`))),
+    el("details", { open: report.over && !report.verified }, el("summary", {}, "What was done and read back"), el("ul", {}, ...report.steps.map((step) => el("li", {}, step)), ...report.outputs.map((output) => el("li", { class: output.off ? "" : "bad" }, `${output.off ? "○" : "▲"} ${output.text}`)))),
     ...(report.over ? [el("button", { type: "button", onclick: () => { banner.hidden = true; banner.dataset.gone = String(report.unix_s); } }, "Close this message")] : []),
   );
 }

@@ -201,7 +201,7 @@ fn steady_ageing_passes_at_any_rate() {
     }
     let repeats = |set: &DataSet| found(set).into_iter().filter(|(check, _)| *check == Check::Repeats).count();
     assert_eq!(repeats(&steady), 0, "{:?}", found(&steady));
-    let mut sudden = steady.clone();
+    let mut sudden = steady;
     for nth in 0..2 {
         let z = points(&mut sudden, &format!("eis_{nth}")).clone();
         points(&mut sudden, &format!("eis_{}", 1 - nth)).clone_from(&z);
