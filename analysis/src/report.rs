@@ -316,8 +316,18 @@ mod tests {
                 header: vec!["RC".into(), "R / mΩ".into(), "remark".into()],
                 rows: vec![vec!["1".into(), "−6.94".into(), "<script>alert(1)</script>".into()], vec!["2".into()]],
             }],
+            sections: vec![Section {
+                heading: "Where & what".into(),
+                parts: vec![
+                    Part::Text("1 < 2".into()),
+                    Part::List(vec!["a & b".into()]),
+                    Part::Figure(Figure { svg: SVG.into(), caption: "map".into() }),
+                    Part::Fields("effect".into(), vec![("p".into(), "<0.01".into())]),
+                    Part::Verbatim("x<y\n".into()),
+                ],
+            }],
             provenance: vec![("seed".into(), "7".into()), ("config".into(), "a'b".into())],
-            ..Report::default()
+            files: vec![("a.toml".into(), "k = \"<v>\"".into())],
         }
     }
 
@@ -333,6 +343,10 @@ mod tests {
             "<td class=\"number\">−6.94</td><td>&lt;script&gt;alert(1)&lt;/script&gt;</td>",
             "<tr><td class=\"number\">2</td><td></td><td></td></tr>",
             "<dt>config</dt><dd>a&#39;b</dd>",
+            "<h2>Where &amp; what</h2>\n<p>1 &lt; 2</p>\n<ul>\n<li>a &amp; b</li>\n</ul>",
+            "<h3>effect</h3>\n<dl>\n<dt>p</dt><dd>&lt;0.01</dd>\n</dl>",
+            "<pre>x&lt;y</pre>",
+            "<details><summary>a.toml</summary><pre>k = &quot;&lt;v&gt;&quot;</pre></details>",
             "width=device-width",
             "prefers-color-scheme:dark",
         ] {
