@@ -174,7 +174,7 @@ mod tests {
         // Provenance beside the files; the numbers are the first and the last row of each by rising frequency.
         for (name, points, first, last) in [
             ("gamry.DTA", 8, (39_984.37, 2_982.016, -1_407.856), (200_015.6, 825.858_4, -1_367.239)),
-            ("biologic.mpt", 4, (456.314_09, 66.016_418, -1.164_106_8), (1000.320_1, 65.470_886, -0.389_989_79)),
+            ("biologic.mpt", 4, (456.314_09, 66.016_418, -1.164_106_8), (1_000.320_1, 65.470_886, -0.389_989_79)),
             ("zplot.z", 6, (94_868.33, 155.62, -52.177), (300_000.0, 147.77, -11.335)),
             (
                 "autolab.txt",

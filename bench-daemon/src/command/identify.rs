@@ -104,11 +104,10 @@ fn bench(config: &config::Bench, quiet: bool) -> Result<Vec<Found>, Failure> {
 }
 
 async fn ask(one: &config::Bench, instrument: &config::Instrument, connections: &Connections) -> Result<Said, BenchError> {
-    for (role, mut any) in Any::of(Bench::open(one, connections).await?) {
-        let said = any.say(|identity| instrument.accepts(identity)).await;
-        return said.map_err(|source| BenchError::Link { role, model: instrument.model.clone(), source: Box::new(source) });
-    }
-    Err(BenchError::Missing { role: "instrument" })
+    let first = Any::of(Bench::open(one, connections).await?).into_iter().next();
+    let (role, mut any) = first.ok_or(BenchError::Missing { role: "instrument" })?;
+    let said = any.say(|identity| instrument.accepts(identity)).await;
+    said.map_err(|source| BenchError::Link { role, model: instrument.model.clone(), source: Box::new(source) })
 }
 
 fn found((role, instrument): (Option<&'static str>, &config::Instrument), outcome: Result<Said, BenchError>, took_s: f64) -> Found {

@@ -81,9 +81,11 @@ pub fn rates(folder: &Path) -> Result<Vec<String>, Failure> {
         Ok(())
     };
     let on_all = |work: &(dyn Fn(&PathBuf) -> Result<(), Failure> + Sync)| super::run::on_all_cores(&files, work).map(drop);
-    timed("reading the files (from the cache)", &|| on_all(&|file| Ok(drop(fs::read(file)?))))?;
-    timed("SHA-256 of the files", &|| on_all(&|file| Ok(drop(crate::hash::sha256_of(file)?))))?;
-    timed("decoding their Parquet", &|| on_all(&|file| Ok(drop(dataset::read_capture(file).map_err(RecordError::from)?))))?;
+    timed("reading the files (from the cache)", &|| on_all(&|file| fs::read(file).map(drop).map_err(Failure::from)))?;
+    timed("SHA-256 of the files", &|| on_all(&|file| crate::hash::sha256_of(file).map(drop).map_err(Failure::from)))?;
+    timed("decoding their Parquet", &|| {
+        on_all(&|file| dataset::read_capture(file).map(drop).map_err(|error| RecordError::from(error).into()))
+    })?;
     timed("replay: decoding, fits, quality", &|| recorded.analyse(&known).map(drop))?;
     let again = recorded.analyse(&known)?;
     let same = known.iter().zip(&again).filter(|(known, again)| known.point == again.point).count();
@@ -148,7 +150,7 @@ fn of_run(folder: &Path, out: Option<&Path>) -> Result<(), Failure> {
     let scratch = Scratch::new("replay")?;
     let goal = out.unwrap_or(scratch.path());
     let points = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
-    recorded.settle(points, goal, out.is_some())?;
+    recorded.settle(&points, goal, out.is_some())?;
     tell(folder, goal)?;
     if let Some(out) = out {
         tidy(out)?;

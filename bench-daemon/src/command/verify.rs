@@ -82,7 +82,7 @@ fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
     }
     let scratch = Scratch::new("verify")?;
     let points = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
-    recorded.settle(points, scratch.path(), true)?;
+    recorded.settle(&points, scratch.path(), true)?;
     let files = made(scratch.path(), Path::new(""))?;
     let compared: Vec<Vec<Difference>> = files
         .par_iter()

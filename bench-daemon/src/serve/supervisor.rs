@@ -143,10 +143,10 @@ impl Post {
         let how = watch.ended().map(str::to_owned).or_else(|| last_word(server, &item.run));
         let how = how.unwrap_or_else(|| "its process was killed or died".to_owned());
         let finished = watch.ended() == Some("finished") && code.is_none_or(|code| code == 0);
-        self.over(server, &item, Ended { code, finished, how, unix_s: clock::unix_time_s() });
+        self.over(server, &item, &Ended { code, finished, how, unix_s: clock::unix_time_s() });
     }
 
-    fn over(&self, server: &Server, item: &Item, ended: Ended) {
+    fn over(&self, server: &Server, item: &Item, ended: &Ended) {
         let job = Job { item: item.clone(), ended: Some(ended.clone()) };
         let kept = jobs::write(&server.settings.data, &job);
         let mut queue = server.queue();
@@ -183,7 +183,7 @@ impl Post {
                 self.child = Some((item.id, child));
                 self.begun(server, &item, pid);
             }
-            Err(how) => self.over(server, &item, Ended { code: None, finished: false, how, unix_s: clock::unix_time_s() }),
+            Err(how) => self.over(server, &item, &Ended { code: None, finished: false, how, unix_s: clock::unix_time_s() }),
         }
     }
 
@@ -305,7 +305,7 @@ impl Post {
                 address: instrument.address.to_string(),
                 identity: identity.map(|identity| identity.identity.raw.clone()),
                 recognised: identity.map(|identity| identity.recognised),
-                output: output.filter(|_| !unknown).map(|(on, _)| on && !(stopped && !going)),
+                output: output.filter(|_| !unknown).map(|(on, _)| on && (!stopped || going)),
                 output_s: output.map(|(_, time_s)| time_s),
                 answered_s,
                 trouble: if unknown { Some("the run's process died: the guardian switches off".to_owned()) } else { trouble },

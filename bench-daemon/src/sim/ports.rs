@@ -98,7 +98,7 @@ pub(super) async fn at(device: Box<dyn Device>, address: &Address, clock: &Clock
         }
         Address::HiSlip { socket, .. } => drop(mock::serve_hislip(device, socket.to_string(), clock).await?),
         Address::Gpib { adapter: Adapter::Tcp(socket), address } => {
-            drop(mock::serve_gpib(device, socket.to_string(), *address, clock).await?)
+            drop(mock::serve_gpib(device, socket.to_string(), *address, clock).await?);
         }
         Address::Gpib { adapter: Adapter::Serial(settings), address } => settings.path = mock::serve_gpib_pty(device, *address, clock)?.0,
         Address::Serial(settings) => settings.path = mock::serve_pty(device, clock)?.0,

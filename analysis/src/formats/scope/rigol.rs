@@ -47,7 +47,7 @@ pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError
         // Digital channels and their like are passed over.
         if width == 4 && kind <= 5 && (points as u64) * 4 <= length {
             let shape = *shape.get_or_insert((points, interval_s));
-            if shape != (points, interval_s) || !(interval_s > 0.0) || points == 0 {
+            if shape != (points, interval_s) || interval_s.is_nan() || interval_s <= 0.0 || points == 0 {
                 return Err(wrong("waveform", "samples as those of the first", format!("{points} samples every {interval_s} s")));
             }
             let level_v = Bytes::at(path, &file, at + size + head)?.f32(0);

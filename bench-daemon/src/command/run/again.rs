@@ -133,7 +133,7 @@ impl Recorded {
     ///
     /// # Errors
     /// A folder in use, points that do not pass as controls any more, what cannot be computed or written.
-    pub(crate) fn settle(&self, points: Vec<(usize, SweepPoint)>, out: &Path, whole: bool) -> Result<Measured, Failure> {
+    pub(crate) fn settle(&self, points: &[(usize, SweepPoint)], out: &Path, whole: bool) -> Result<Measured, Failure> {
         let mut recorder = self.recorder(out)?;
         let inherited = self.inherited_correction()?;
         if let Some(correction) = &inherited {
@@ -188,7 +188,7 @@ impl Recorded {
     fn point(&self, known: &Known) -> Result<Again, Failure> {
         let mut latest = None;
         for file in &known.files {
-            let again = self.from_capture(known, file)?;
+            let again = self.of_capture(known, file)?;
             if again.point.phasors == known.point.phasors {
                 return Ok(again);
             }
@@ -198,7 +198,7 @@ impl Recorded {
         latest.ok_or_else(missing)
     }
 
-    fn from_capture(&self, known: &Known, file: &str) -> Result<Again, Failure> {
+    fn of_capture(&self, known: &Known, file: &str) -> Result<Again, Failure> {
         let path = self.folder.join(file);
         let failed = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
         let bytes = fs::metadata(&path).map_err(|error| failed(&format!("{}: {error}", path.display())))?.len();

@@ -103,7 +103,8 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
     // Whole millivolts and tenths of an ampere.
     let volts = move |t: f64| (1000.0 * (3.8 + 0.009 * phase(t))).round() / 1000.0;
     let amps = move |t: f64| (10.0 * phase(t)).round() / 10.0;
-    let cases: [(Option<f64>, Course, Option<(&str, f64)>); 6] = [
+    type Case = (Option<f64>, Course, Option<(&'static str, f64)>);
+    let cases: [Case; 6] = [
         (Some(10.0), Box::new(move |t| (volts(t), amps(t), None)), None),
         (
             Some(10.0),
