@@ -44,9 +44,10 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         None
     });
     let state = state.as_ref();
-    let holder = state.and_then(|state| state.holder().ok().flatten());
-    if let Some(holder) = &holder {
-        end(holder, if args.kill { Signal::SIGKILL } else { Signal::SIGTERM });
+    match runner(state) {
+        Runner::Nobody => {}
+        Runner::Somebody(holder) => end(&holder, if args.kill { Signal::SIGKILL } else { Signal::SIGTERM }),
+        Runner::Unknown(why) => remark!("eis-bench: {UNKNOWN}, and it is not asked to end: {why}"),
     }
     Clock::runtime(bench.time())?.block_on(async {
         let clock = Clock::start(bench.time());
@@ -64,25 +65,52 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
             say!("the process that ran the bench has ended by now; once more:");
             return switch_off(&bench, &clock, state).await;
         }
-        let text = "everything was off, but the process that runs the bench does not end and may switch on again: --kill ends it".to_owned();
-        Err(Failure::Unsafe { failures: text, cause: String::new() })
+        let failures = match runner(state) {
+            Runner::Unknown(why) => format!("everything was off, but {UNKNOWN}, and it may switch on again: {why}"),
+            Runner::Nobody | Runner::Somebody(_) => {
+                "everything was off, but the process that runs the bench does not end and may switch on again: --kill ends it".to_owned()
+            }
+        };
+        Err(Failure::Unsafe { failures, cause: String::new() })
     })
+}
+
+const UNKNOWN: &str = "whether a process runs the bench is not known";
+
+/// Who runs the bench.
+#[derive(Debug)]
+enum Runner {
+    Nobody,
+    Somebody(Holder),
+    /// Its state, or that of an instrument, cannot be read.
+    Unknown(String),
+}
+
+fn runner(state: Option<&State>) -> Runner {
+    match state.map(State::holder) {
+        Some(Ok(None)) => Runner::Nobody,
+        Some(Ok(Some(holder))) => Runner::Somebody(holder),
+        Some(Err(error)) => Runner::Unknown(error.to_string()),
+        None => Runner::Unknown("the state of the bench cannot be opened".to_owned()),
+    }
 }
 
 /// How long the process that runs the bench may take to end before the bench is switched off beside it, and after that, s.
 const ENDS_S: (f64, f64) = (5.0, 15.0);
 const LOOK_S: f64 = 0.1;
 
-/// Waits until nobody runs the bench, so long at most; whether it is so.
+/// Waits until nobody runs the bench, so long at most; whether it is so. Where that cannot be known it is not.
 async fn ended(state: Option<&State>, clock: &Clock, at_most_s: f64) -> bool {
     let start_s = clock.machine_s();
-    while state.is_some_and(|state| matches!(state.holder(), Ok(Some(_)))) {
-        if clock.machine_s() - start_s > at_most_s {
-            return false;
+    loop {
+        match runner(state) {
+            Runner::Nobody => return true,
+            // Waiting does not open it.
+            Runner::Unknown(_) => return false,
+            Runner::Somebody(_) if clock.machine_s() - start_s > at_most_s => return false,
+            Runner::Somebody(_) => clock.sleep_s(LOOK_S).await,
         }
-        clock.sleep_s(LOOK_S).await;
     }
-    true
 }
 
 /// Ends the process that runs the bench. A number that another process has got by now is left alone.

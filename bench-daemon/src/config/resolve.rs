@@ -20,7 +20,7 @@ use super::{
     Bench, Cell, ConfigError, Doctor, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, limits,
     raw, simulation,
 };
-use crate::interlock::Limits;
+use crate::{interlock::Limits, state::meet};
 
 /// Reads an experiment with its bench (or another one in its place) and its cell.
 ///
@@ -244,7 +244,7 @@ fn check_addresses(source: &Source, instruments: &Instruments) -> Result<(), Con
 }
 
 fn shares_adapter(one: &Address, other: &Address) -> bool {
-    matches!((one, other), (Address::Gpib { adapter: one, .. }, Address::Gpib { adapter: other, .. }) if one == other)
+    matches!((one, other), (Address::Gpib { .. }, Address::Gpib { .. })) && meet(one, other)
 }
 
 /// The built-in mocks are a whole bench or none: they share one simulated world.

@@ -1,7 +1,7 @@
 //! Where the state of an instrument is kept: in a folder that follows from its address alone, whatever bench file names it. Two bench files that share
 //! an instrument share that folder, and with it lock and latch.
 //!
-//! An instrument on the network is one, be it reached by VXI-11, HiSLIP or the raw socket that goes with them; one that is reached over LAN and over
+//! Instruments behind one GPIB adapter share its folder: an adapter takes one connection. An instrument on the network is one, be it reached by VXI-11, HiSLIP or the raw socket that goes with them; one that is reached over LAN and over
 //! USB is two to this program.
 
 use std::{
@@ -44,6 +44,12 @@ fn root() -> Result<PathBuf, StateError> {
 /// Ports at which instruments offer their raw socket beside VXI-11 and HiSLIP.
 const RAW_PORTS: [u16; 2] = [5025, 5555];
 
+/// Whether two addresses are the same instrument, or behind the same adapter, at present.
+pub(crate) fn meet(one: &Address, other: &Address) -> bool {
+    let known = keys(one);
+    keys(other).iter().any(|key| known.contains(key))
+}
+
 /// What an address means: the name as it is typed, and what it stands for at present. One in common is enough.
 fn keys(address: &Address) -> Vec<String> {
     match address {
@@ -58,13 +64,11 @@ fn keys(address: &Address) -> Vec<String> {
         Address::HiSlip { socket, .. } => named(&socket.host, socket.port),
         Address::Serial(settings) => file("serial", &settings.path),
         Address::UsbTmc { path } => file("usbtmc", path),
-        Address::Gpib { adapter, address } => {
-            let adapter = match adapter {
-                Adapter::Tcp(socket) => tcp(socket),
-                Adapter::Serial(settings) => file("serial", &settings.path),
-            };
-            adapter.into_iter().map(|key| format!("gpib {address} {key}")).collect()
-        }
+        // It speaks to one address at a time, and to the one that was set last: whoever has one of its instruments has it whole.
+        Address::Gpib { adapter, .. } => match adapter {
+            Adapter::Tcp(socket) => tcp(socket),
+            Adapter::Serial(settings) => file("serial", &settings.path),
+        },
         Address::Memory { .. } => Vec::new(),
     }
 }
@@ -131,17 +135,20 @@ mod tests {
             ("vxi11:10.1.2.3:4711/inst0", "vxi11:10.1.2.3/inst0"),
             ("hislip:10.1.2.3/hislip0", "vxi11:10.1.2.3/inst0"),
             ("gpib:serial:/dev/ttyUSB0/6?baud=9600", "gpib:serial:/dev/ttyUSB0/6"),
+            ("gpib:tcp:10.1.2.3:1234/6", "gpib:tcp:10.1.2.3:1234/7"),
+            ("gpib:tcp:localhost:1234/6", "gpib:tcp:127.0.0.1:1234/7"),
+            ("gpib:serial:/dev/ttyUSB0/6", "gpib:serial:/dev/ttyUSB0/7"),
         ] {
-            assert!(of(one).iter().any(|key| of(other).contains(key)), "{:?} {:?}", of(one), of(other));
+            assert!(meet(&one.parse().unwrap(), &other.parse().unwrap()), "{:?} {:?}", of(one), of(other));
         }
         for (one, other) in [
             ("tcp://10.1.2.3:5025", "tcp://10.1.2.3:5026"),
             ("tcp://10.1.2.3:5025", "tcp://10.1.2.4:5025"),
             ("vxi11:10.1.2.3/inst0", "vxi11:10.1.2.4/inst0"),
             ("vxi11:127.0.0.1:4711/inst0", "vxi11:127.0.0.1:4712/inst0"),
-            ("gpib:tcp:10.1.2.3:1234/6", "gpib:tcp:10.1.2.3:1234/7"),
+            ("gpib:tcp:10.1.2.3:1234/6", "gpib:tcp:10.1.2.4:1234/6"),
         ] {
-            assert!(!of(one).iter().any(|key| of(other).contains(key)), "{one} {other}");
+            assert!(!meet(&one.parse().unwrap(), &other.parse().unwrap()), "{one} {other}");
         }
     }
 

@@ -52,12 +52,14 @@ fn every_file_in_configs_is_sound() {
 #[test]
 fn two_instruments_cannot_share_a_gpib_adapter() {
     let bench = "benches/demo.toml";
-    let folder = altered(bench, "\"memory:generator\"", "\"gpib:tcp:10.0.0.9:1234/8\"");
-    let path = folder.path().join(bench);
-    let text = std::fs::read_to_string(&path).unwrap();
-    std::fs::write(&path, text.replace("\"memory:scope\"", "\"gpib:tcp:10.0.0.9:1234/7\"")).unwrap();
-    let message = load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string();
-    assert!(message.contains("instruments.scope.address: expected a GPIB adapter of its own, found that of generator"), "{message}");
+    for (generator, scope) in [("10.0.0.9", "10.0.0.9"), ("localhost", "127.0.0.1")] {
+        let folder = altered(bench, "\"memory:generator\"", &format!("\"gpib:tcp:{generator}:1234/8\""));
+        let path = folder.path().join(bench);
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, text.replace("\"memory:scope\"", &format!("\"gpib:tcp:{scope}:1234/7\""))).unwrap();
+        let message = load_experiment(&folder.path().join("experiments/demo.toml"), None).unwrap_err().to_string();
+        assert!(message.contains("instruments.scope.address: expected a GPIB adapter of its own, found that of generator"), "{message}");
+    }
 }
 
 #[test]

@@ -188,6 +188,11 @@ fn a_state_folder_that_cannot_be_written_is_refused_before_anything_is_touched()
         ended.message()
     );
     assert!(!files.path("run").exists());
+    // Who runs it cannot be known then: it is switched off all the same, and that is not said to last.
+    let safe = on_bench(&files, &["safe"]);
+    safe.expect_code(6);
+    assert!(safe.stdout.lines().any(|line| line.starts_with("supply4q") && line.contains("off, read back")), "{}", safe.stdout);
+    assert!(safe.message().contains("everything was off, but whether a process runs the bench is not known"), "{}", safe.message());
     ports.assert_outputs_off();
 }
 

@@ -88,11 +88,44 @@ impl Link {
     fn is_identity(&self, text: &str) -> bool {
         match &self.identity {
             Some(known) => known.trim() == text,
-            None => text.matches(',').count() >= 2 && text.starts_with(|first: char| first.is_ascii_alphabetic()),
+            None => looks_like_identity(text, &self.asked),
         }
     }
 
     fn not_cleared(&self, expected: &str, found: String) -> LinkError {
         LinkError::NotCleared { link: self.link(), expected: expected.to_owned(), found }
+    }
+}
+
+/// Whether a text may be an identity (IEEE 488.2, clause 10.14: fields with commas between them, the maker first), and not the late list that answers
+/// `asked`. A maker's name may have a blank in it; the header of an answer has colons, or is that of the question.
+fn looks_like_identity(text: &str, asked: &str) -> bool {
+    let maker = text.split(',').next().unwrap_or_default();
+    let word = maker.split_whitespace().next().unwrap_or_default();
+    let header = asked.split_whitespace().next().unwrap_or_default().trim_end_matches('?');
+    text.matches(',').count() >= 2
+        && text.starts_with(|first: char| first.is_ascii_alphabetic())
+        && !maker.contains([':', '?'])
+        && !word.eq_ignore_ascii_case(header)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_late_list_is_no_identity() {
+        for (text, asked, fits) in [
+            ("Siglent Technologies,SDG1032X,SDG1XCAQ1R0001,1.01.01.33R1B6", "C1:BSWV?", true),
+            ("HEWLETT-PACKARD,34970A,0,13-2-2", "ROUT:SCAN?", true),
+            ("C1:BSWV WVTP,SINE,FRQ,1000HZ,AMP,4V", "C1:BSWV?", false),
+            // Late by more than one question.
+            ("C1:BSWV WVTP,SINE,FRQ,1000HZ,AMP,4V", "C2:OUTP?", false),
+            ("TRSE EDGE,SR,C1,HT,OFF", "TRSE?", false),
+            ("1.0,2.0,3.0", "MEAS?", false),
+            ("ON,LOAD", "OUTP?", false),
+        ] {
+            assert_eq!(looks_like_identity(text, asked), fits, "{text}");
+        }
     }
 }

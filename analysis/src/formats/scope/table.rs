@@ -132,8 +132,8 @@ struct Spill {
     rows: usize,
     first: Vec<f64>,
     last: Vec<f64>,
-    /// Least step of each column that was seen.
-    steps: Vec<f64>,
+    /// First values of each column, in which the step of the quantisation is looked for.
+    seen: Vec<Vec<f64>>,
 }
 
 impl Spill {
@@ -144,16 +144,12 @@ impl Spill {
         let file = OpenOptions::new().read(true).write(true).create_new(true).open(&path)?;
         // Without a name it is gone as soon as it is closed, however the process ends.
         std::fs::remove_file(&path)?;
-        Ok(Self { writer: BufWriter::new(file), width, rows: 0, first: Vec::new(), last: Vec::new(), steps: vec![f64::INFINITY; width] })
+        Ok(Self { writer: BufWriter::new(file), width, rows: 0, first: Vec::new(), last: Vec::new(), seen: vec![Vec::new(); width] })
     }
 
     fn row(&mut self, row: &[f64]) -> std::io::Result<()> {
         if self.rows < LOOKED_AT {
-            for ((step, now), before) in self.steps.iter_mut().zip(row).zip(&self.last) {
-                let change = (now - before).abs();
-                // Below, it is the rounding of the digits.
-                *step = if change > 1.0e-9 * now.abs() { step.min(change) } else { *step };
-            }
+            self.seen.iter_mut().zip(row).for_each(|(seen, value)| seen.push(*value));
         }
         if self.rows == 0 {
             self.first = row.to_vec();
@@ -176,11 +172,39 @@ impl Spill {
             stride,
             form: Form::Double,
             scale: None,
-            lsb_v: self.steps.get(column).copied().filter(|step| step.is_finite()),
+            lsb_v: self.seen.get(column).and_then(|seen| step(seen)),
             level_v: self.first.get(column).copied().unwrap_or(0.0),
         };
         let channels = (skip..self.width).map(channel).collect();
         let file = self.writer.into_inner().map_err(std::io::IntoInnerError::into_error)?;
         Ok(RawFile { path: path.to_owned(), file, channels })
+    }
+}
+
+/// The least difference of two values, wherever they stand. That of two neighbours in time would be the slope of a steep signal, however finely it was
+/// quantised.
+fn step(seen: &[f64]) -> Option<f64> {
+    let mut sorted = seen.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let changes = sorted.iter().zip(sorted.iter().skip(1)).map(|(low, high)| (high - low, high.abs()));
+    // Below, it is the rounding of the digits.
+    changes.filter(|(change, of)| *change > 1.0e-9 * of).map(|(change, _)| change).min_by(f64::total_cmp)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_step_is_that_of_the_codes_and_not_of_the_signal() {
+        let sine = |round: &dyn Fn(f64) -> f64| -> Vec<f64> {
+            (0..4000).map(|k| round(0.02 * (std::f64::consts::TAU * f64::from(k) / 100.3).sin())).collect()
+        };
+        // Neighbours in time are up to 1.25 mV apart.
+        let coarse = step(&sine(&|value| (value / 1.0e-4).round() * 1.0e-4)).unwrap();
+        assert!((coarse / 1.0e-4 - 1.0).abs() < 1.0e-6, "{coarse}");
+        let fine = step(&sine(&|value| value)).unwrap();
+        assert!(fine < 1.0e-6, "{fine}");
+        assert_eq!(step(&[0.1, 0.1, 0.1]), None);
     }
 }
