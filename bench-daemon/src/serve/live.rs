@@ -211,6 +211,13 @@ pub struct StopReport {
     pub outputs: Vec<OutputRead>,
 }
 
+impl StopReport {
+    /// Why nothing is begun behind it.
+    pub fn held(&self) -> String {
+        format!("stopped by {}", self.by)
+    }
+}
+
 /// What was read back of an instrument.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct OutputRead {

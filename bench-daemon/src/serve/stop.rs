@@ -23,6 +23,8 @@ use crate::{
 
 /// `eis-bench safe` is waited for so long: it tries each instrument several times.
 const SAFE: Duration = Duration::from_secs(90);
+/// A run that was being begun when the stop came is ended in a second turn; nothing is begun behind the first.
+const TURNS: usize = 3;
 /// Time between two looks whether the run has ended, s.
 const LOOK_S: f64 = 0.1;
 
@@ -42,16 +44,36 @@ pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: &str) -> Stop
     }
     server.hub.tell("stop", &report);
     // As long as the stop is not over nothing is begun, whatever the disk does; and from then on because the bench is held.
-    let gone = end_run(server, bench, &mut report).await;
-    if let Err(error) = server.queue().hold(&bench.name, &format!("stopped by {by}")) {
+    let mut gone = end_run(server, bench, &mut report).await;
+    if let Err(error) = server.queue().hold(&bench.name, &report.held()) {
         tracing::error!("{error}");
     }
     switch_off(server, bench, gone, &mut report).await;
+    for _ in 1..TURNS {
+        if !gone || in_work(server, bench).is_none() {
+            break;
+        }
+        gone = again(server, bench, &mut report).await;
+    }
+    if report.verified && in_work(server, bench).is_some() {
+        report.verified = false;
+        report.steps.push("a process runs the bench again: LOOK AT THE BENCH".to_owned());
+    }
     report.over = true;
     server.stops().insert(bench.name.clone(), report.clone());
     server.hub.tell("stop", &report);
     server.tell_queue();
     report
+}
+
+/// Ends what came into work while the outputs were switched off; tells whether nothing runs any more.
+async fn again(server: &Arc<Server>, bench: &config::Bench, report: &mut StopReport) -> bool {
+    report.verified = false;
+    report.outputs.clear();
+    tell(server, report, "a run was being begun when the stop came: once more".to_owned());
+    let gone = end_run(server, bench, report).await;
+    switch_off(server, bench, gone, report).await;
+    gone
 }
 
 async fn outcome(server: &Arc<Server>, bench: &str) -> StopReport {

@@ -13,7 +13,10 @@ use std::{
 };
 
 use instruments::clock;
-use nix::{sys::signal::kill, unistd::Pid};
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::Pid,
+};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -149,9 +152,13 @@ impl Post {
     fn over(&self, server: &Server, item: &Item, ended: &Ended) {
         let job = Job { item: item.clone(), ended: Some(ended.clone()) };
         let kept = jobs::write(&server.settings.data, &job);
+        // Whichever of the two is first: what ends under a stop is held by the stop.
+        let why = match server.stops().get(&item.bench) {
+            Some(stop) if !stop.over => stop.held(),
+            _ => format!("{} did not come to its end: {}", item.run, ended.how),
+        };
         let mut queue = server.queue();
-        let held =
-            if ended.finished { Ok(()) } else { queue.hold(&item.bench, &format!("{} did not come to its end: {}", item.run, ended.how)) };
+        let held = if ended.finished { Ok(()) } else { queue.hold(&item.bench, &why) };
         let done = queue.done(item.id);
         drop(queue);
         for error in [kept.err(), held.err().map(|error| error.to_string()), done.err().map(|error| error.to_string())].iter().flatten() {
@@ -163,9 +170,11 @@ impl Post {
 
     /// Begins what comes next, where the bench is free.
     fn begin(&mut self, server: &Server) {
-        if server.stops().get(&self.bench.name).is_some_and(|stop| !stop.over) {
-            return;
-        }
+        // A stop that is over holds the bench, so that the queue is asked after this.
+        let last_stop = match server.stops().get(&self.bench.name) {
+            Some(stop) if !stop.over => return,
+            stop => stop.map(|stop| stop.unix_s),
+        };
         let Some(item) = server.queue().next(&self.bench.name).cloned() else { return };
         if self.taken() {
             return;
@@ -174,25 +183,39 @@ impl Post {
         if item.kind == Kind::Run && folder.join(JOURNAL).exists() {
             // It was begun, and the server died before it could write that down.
             let pid = locks::holder(&folder.join(JOURNAL)).unwrap_or(0);
-            self.begun(server, &item, pid);
+            self.begun(server, &item, (pid, last_stop));
             return;
         }
         match command(server, &item, &self.bench).and_then(|mut command| command.spawn().map_err(|error| error.to_string())) {
             Ok(child) => {
                 let pid = i32::try_from(child.id()).unwrap_or(0);
                 self.child = Some((item.id, child));
-                self.begun(server, &item, pid);
+                self.begun(server, &item, (pid, last_stop));
             }
             Err(how) => self.over(server, &item, &Ended { code: None, finished: false, how, unix_s: clock::unix_time_s() }),
         }
     }
 
-    fn begun(&self, server: &Server, item: &Item, pid: i32) {
+    /// Writes down that a place is in work. No lock is held from the look at the stops to here, so that a slow disk never holds up a stop: one that came in
+    /// between finds no process, or finds it late, and so the process is ended here.
+    fn begun(&self, server: &Server, item: &Item, (pid, last_stop): (i32, Option<f64>)) {
         let process = Process { pid, started_unix_s: clock::unix_time_s() };
         let item = Item { process: Some(process.clone()), ..item.clone() };
-        // What the last stop has shown is no longer so.
-        server.stops().remove(&self.bench.name);
+        // From here on a stop finds it.
         let begun = server.queue().begun(item.id, process);
+        let stopped = {
+            let mut stops = server.stops();
+            let stopped = stops.get(&self.bench.name).map(|stop| stop.unix_s) != last_stop;
+            if !stopped {
+                // What the last stop has shown is no longer so.
+                stops.remove(&self.bench.name);
+            }
+            stopped
+        };
+        if stopped && pid > 1 {
+            tracing::warn!("{}: process {pid} was begun while the bench was being stopped: it is ended", self.bench.name);
+            let _ = kill(Pid::from_raw(pid), Signal::SIGTERM);
+        }
         let job = Job { item, ended: None };
         if let Some(error) = begun.err().map(|error| error.to_string()).or_else(|| jobs::write(&server.settings.data, &job).err()) {
             tracing::error!("{error}");
@@ -368,3 +391,6 @@ fn identities(run: &Path) -> Vec<Identity> {
     let read = || serde_json::from_str::<serde_json::Value>(&std::fs::read_to_string(run.join("manifest.json")).ok()?).ok();
     read().and_then(|manifest| serde_json::from_value(manifest["instruments"].clone()).ok()).unwrap_or_default()
 }
+
+#[cfg(test)]
+mod tests;

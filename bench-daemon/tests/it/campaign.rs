@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use analysis::{dataset::RunIndex, spectrum::Spectrum};
+use analysis::{dataset::RunIndex, ocv::OcvCurve, spectrum::Spectrum};
 use bench_daemon::{command::run::run_experiment, plan::Purpose, procedure};
 
 use crate::{
@@ -180,8 +180,13 @@ fn the_index_names_the_cells_and_a_diagnosis_is_one_cells() {
     let cells: Vec<Option<&str>> = index.sweeps.iter().map(|sweep| sweep.cell.as_deref()).collect();
     assert_eq!(cells, [Some("A"), Some("A"), Some("B"), Some("B")]);
     let model = run.join("model_1rc.json");
+    // The model of a campaign is of several cells, and has no curve of one.
+    let curve = OcvCurve::monotone(4.5, vec![0.0, 0.5, 1.0], vec![2.8, 3.7, 4.2]).unwrap();
+    let ocv = files.path("ocv.json");
+    fs::write(&ocv, serde_json::to_string(&curve).unwrap()).unwrap();
     let diagnose = |more: &[&str]| {
-        let mut arguments = vec!["diagnose".as_ref(), run.as_os_str(), "--model".as_ref(), model.as_os_str()];
+        let mut arguments =
+            vec!["diagnose".as_ref(), run.as_os_str(), "--model".as_ref(), model.as_os_str(), "--ocv".as_ref(), ocv.as_os_str()];
         arguments.extend(more.iter().map(|argument| <str as AsRef<std::ffi::OsStr>>::as_ref(argument)));
         program(&arguments)
     };

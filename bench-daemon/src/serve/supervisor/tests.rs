@@ -1,0 +1,49 @@
+//! The start of a run and a stop at the same time.
+
+use std::{os::unix::process::ExitStatusExt, path::PathBuf};
+
+use super::*;
+use crate::serve::{live::StopReport, queue::Wanted, settings::Settings};
+
+/// A run is begun on a bench whose stops are `now`, after the supervisor saw `seen`: what ended its process, and which stop is kept.
+fn begun(seen: Option<f64>, now: Option<f64>) -> (Option<i32>, Option<f64>) {
+    let data = tempfile::tempdir().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let _inside = runtime.enter();
+    std::fs::create_dir(data.path().join("jobs")).unwrap();
+    let settings = Settings::load(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../configs/serve.toml")).unwrap();
+    let server = Server::open(Settings { data: data.path().to_owned(), ..settings }).unwrap();
+    let bench = server.settings.benches[0].clone();
+    let wanted = Wanted {
+        kind: Kind::Run,
+        experiment: "demo".to_owned(),
+        bench: bench.name.clone(),
+        seed: None,
+        expected_s: 60.0,
+        by: "ann".to_owned(),
+        unix_s: 1.0,
+    };
+    let item = server.queue().submit(&wanted, |id| format!("demo-{id}")).unwrap();
+    if let Some(unix_s) = now {
+        server.stops().insert(bench.name.clone(), StopReport { unix_s, ..StopReport::default() });
+    }
+    let post = Post::new(&server, &bench).unwrap();
+    let mut child = Command::new("sleep").arg("600").spawn().unwrap();
+    post.begun(&server, &item, (i32::try_from(child.id()).unwrap(), seen));
+    // Whoever was not asked to end is killed here.
+    let kept = server.stops().get(&bench.name).map(|stop| stop.unix_s);
+    assert!(server.queue().in_work(&bench.name).is_some());
+    if kept.is_none() {
+        child.kill().unwrap();
+    }
+    (child.wait().unwrap().signal(), kept)
+}
+
+#[test]
+fn a_run_that_was_being_begun_when_a_stop_came_is_ended_and_the_stop_goes_on() {
+    assert_eq!(begun(None, Some(5.0)), (Some(Signal::SIGTERM as i32), Some(5.0)));
+    assert_eq!(begun(Some(5.0), Some(6.0)), (Some(Signal::SIGTERM as i32), Some(6.0)));
+    // What an earlier stop has shown is no longer so.
+    assert_eq!(begun(Some(5.0), Some(5.0)), (Some(Signal::SIGKILL as i32), None));
+    assert_eq!(begun(None, None), (Some(Signal::SIGKILL as i32), None));
+}
