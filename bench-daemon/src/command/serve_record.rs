@@ -20,7 +20,7 @@ use instruments::{
     scope,
     scpi::decode::Terminator,
     supply, supply4q,
-    transcript::{BlockRecord, Payload, Transcript},
+    transcript::{BlockRecord, Payload, Record, Transcript},
 };
 
 use crate::{
@@ -136,13 +136,22 @@ fn terminator(key: &str) -> Option<Terminator> {
 
 /// Puts the bytes of long blocks back where a capture has them: signed little-endian words, or the same from the least code on.
 fn restore(transcript: &mut Transcript, captures: &Path) {
+    let missing = |record: &Record| match &record.payload {
+        Payload::Block(block) if block.bytes.is_none() => Some(block.len),
+        _ => None,
+    };
+    // A memory that takes more than one page comes in pages of this length, the last one shorter.
+    let Some(page) = transcript.records.iter().filter_map(missing).max().filter(|page| *page > 0) else { return };
+    let inside = |folder: &Path| std::fs::read_dir(folder).into_iter().flatten().filter_map(Result::ok).map(|entry| entry.path());
     let mut known: HashMap<(usize, u64), Vec<u8>> = HashMap::new();
-    let files = std::fs::read_dir(captures).into_iter().flatten().filter_map(Result::ok);
-    for capture in files.filter_map(|file| read_capture(&file.path()).ok()) {
+    // A folder for each fixture, sweep or trace.
+    for capture in inside(captures).flat_map(|folder| inside(&folder)).filter_map(|file| read_capture(&file).ok()) {
         for codes in &capture.codes {
             for offset in [0, i16::MIN] {
                 let bytes: Vec<u8> = codes.iter().flat_map(|code| (code ^ offset).to_le_bytes()).collect();
-                known.insert((bytes.len(), BlockRecord::new("", &bytes).fnv1a64), bytes);
+                for bytes in bytes.chunks(page) {
+                    known.insert((bytes.len(), BlockRecord::new("", bytes).fnv1a64), bytes.to_vec());
+                }
             }
         }
     }
