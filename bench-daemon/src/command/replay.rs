@@ -149,7 +149,7 @@ fn of_run(folder: &Path, out: Option<&Path>) -> Result<(), Failure> {
     }
     let scratch = Scratch::new("replay")?;
     let goal = out.unwrap_or(scratch.path());
-    let points = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
+    let points: Vec<_> = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
     recorded.settle(&points, goal, out.is_some())?;
     tell(folder, goal)?;
     if let Some(out) = out {

@@ -81,7 +81,7 @@ fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
         differences.push(Difference { file: again.file.clone(), what });
     }
     let scratch = Scratch::new("verify")?;
-    let points = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
+    let points: Vec<_> = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
     recorded.settle(&points, scratch.path(), true)?;
     let files = made(scratch.path(), Path::new(""))?;
     let compared: Vec<Vec<Difference>> = files
