@@ -77,7 +77,7 @@ impl Session {
     /// Goes on with a run in its folder.
     ///
     /// # Errors
-    /// As [`run`].
+    /// As [`super::run`].
     pub(crate) fn go_on(&mut self, experiment: &Experiment, folder: &Path, past: Past) -> Result<Finished, Failure> {
         self.play(experiment, folder, Some(past))
     }
