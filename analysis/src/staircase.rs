@@ -68,13 +68,16 @@ pub fn begins(record: &Sums, stair: &Stair<'_>, (near_s, reach_s): (f64, f64)) -
     best(record, stair, (rough_s - around_s, rough_s + around_s), record.interval_s)
 }
 
-/// The place of the greatest correlation.
+/// The place of least squares with any gain: of the greatest correlation over the record's own size there. Without that size, a part of a stair is drawn
+/// to wherever more flows.
 fn best(record: &Sums, stair: &Stair<'_>, (from_s, to_s): (f64, f64), by_s: f64) -> f64 {
     let count = ((to_s - from_s) / by_s).ceil().max(0.0) as usize;
     let places = (0..=count).map(|k| from_s + k as f64 * by_s);
     let score = |start_s: f64| -> f64 {
         let at = |k: usize| record.mean(start_s + k as f64 * stair.step_s, start_s + (k + 1) as f64 * stair.step_s);
-        stair.values.iter().enumerate().filter(|(_, value)| **value != 0.0).map(|(k, value)| value * at(k).map_or(0.0, |mean| mean.0)).sum()
+        let means = stair.values.iter().enumerate().map(|(k, value)| (value, at(k).map_or(0.0, |mean| mean.0)));
+        let (both, own) = means.fold((0.0, 0.0), |(both, own), (value, mean)| (both + value * mean, own + mean * mean));
+        if own > 0.0 { both / own.sqrt() } else { 0.0 }
     };
     places.map(|start_s| (start_s, score(start_s))).max_by(|a, b| a.1.total_cmp(&b.1)).map_or(from_s, |found| found.0)
 }
@@ -123,6 +126,26 @@ mod tests {
             let (values, sums) = record(count, (2.0e-3, 0.6371, 2.0));
             let found_s = begins(&sums, &Stair { values: &values, step_s: 2.0e-3 }, (0.5, 0.3));
             assert!((found_s - 0.6371).abs() <= 2.6e-4, "{count}: {found_s}");
+        }
+    }
+
+    #[test]
+    fn a_part_of_a_smooth_stair_is_found_between_its_neighbours() {
+        let (step_s, start_s, count) = (2.0e-3, 0.5, 1000);
+        let interval_s = step_s / 8.0;
+        for phase in [0.0, 0.7, 1.9] {
+            let value = |step: usize| (std::f64::consts::TAU * 1.0 * step_s * step as f64 + phase).sin();
+            let values: Vec<f64> = (0..count).map(value).collect();
+            let at = |k: usize| {
+                let step = (k as f64 * interval_s - start_s + 1.0e-9) / step_s;
+                if step < 0.0 { 0.0 } else { 0.98 * values.get(step as usize).copied().unwrap_or(0.0) }
+            };
+            let sums = Sums::of((0..12_000).map(at), interval_s);
+            for part in [0..500, 500..1000, 250..700] {
+                let truth_s = start_s + part.start as f64 * step_s;
+                let found_s = begins(&sums, &Stair { values: &values[part.clone()], step_s }, (truth_s + 1.3e-3, 2.0 * step_s));
+                assert!((found_s - truth_s).abs() <= 1.01 * interval_s, "{part:?}: {found_s} for {truth_s}");
+            }
         }
     }
 

@@ -1,7 +1,7 @@
 //! The state of a bench that outlives a process: who runs it (`lock`), why it must not be run (`trip.json`, `trips.jsonl`), which run may have left it on
 //! (`open.json`), and what the guardian did (`guardian.json`, `guardian.log`).
 //!
-//! A bench has a folder of its own, and each of its instruments has one ([`place`]). Lock, latch and open run are kept in all of them, so that whoever
+//! A bench has a folder of its own, and each of its instruments has one (`place`). Lock, latch and open run are kept in all of them, so that whoever
 //! uses one of the instruments meets them, through whatever bench file. A bench that is simulated in this process has none: nothing of it is left
 //! afterwards.
 

@@ -63,7 +63,7 @@ pub fn load(path: &Path, model: Option<&str>) -> Result<(Replay, Outcome), Failu
 /// Serves a transcript until it has been followed to its end, or has been left, or is stopped.
 ///
 /// # Errors
-/// As [`load`]; a port that is taken; the first difference.
+/// As [`load()`]; a port that is taken; the first difference.
 pub fn serve_record(path: &Path, args: &MockArgs) -> Result<(), Failure> {
     let (device, outcome) = load(path, args.model.as_deref())?;
     let expected = device.messages().count();

@@ -64,7 +64,7 @@ async fn drill((config, clock): (&config::Bench, &Clock), folder: &Path, fixture
     let _ = child.kill();
     let _ = child.wait();
     let took_s = outcome?;
-    look(config, clock).await.map_err(|error| error.to_string())?;
+    look(config, clock).await?;
     Ok(took_s)
 }
 

@@ -188,6 +188,9 @@ fn currents(trace: &TracePlan, (step_s, volts): (f64, f64)) -> Vec<f64> {
     currents
 }
 
+/// Greatest difference of two clocks that is believed, as a share.
+const CLOCKS_APART: f64 = 1.0e-3;
+
 /// Where the wave lies in the record, near the time of its last message, s. Where both halves can be found, the scope's clock counts.
 fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
     let whole = Place { begin_s: begins(record, stair, (near_s, REACH_S)), step_s: stair.step_s };
@@ -205,5 +208,10 @@ fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
     if (apart_s - middle as f64 * stair.step_s).abs() <= 1.01 * record.interval_s() {
         return whole;
     }
-    Place { begin_s: first_s, step_s: apart_s / middle as f64 }
+    let step_s = apart_s / middle as f64;
+    // Quartz clocks do not differ by so much: the halves were not found.
+    if (step_s / stair.step_s - 1.0).abs() > CLOCKS_APART {
+        return whole;
+    }
+    Place { begin_s: first_s, step_s }
 }

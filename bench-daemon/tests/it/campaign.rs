@@ -205,27 +205,19 @@ fn the_index_names_the_cells_and_a_diagnosis_is_one_cells() {
 }
 
 #[test]
-fn a_linear_cell_is_rarely_doubted_for_a_harmonic_and_one_of_butler_and_volmer_is() {
-    let sweeps = |more: &str| {
-        let files = Files::demo()
-            .without(EXPERIMENT, "temperature")
-            .without(EXPERIMENT, "soc_reset")
-            .without(EXPERIMENT, "fixture_check")
-            .edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"3 A\"\nrepeat = 12")
-            .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
-            .append(SCENARIO, more);
-        let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
-        let report = fs::read_to_string(files.path("run/report.html")).unwrap();
-        let judged: Vec<String> = (1..=12)
-            .map(|number| report.split(&format!(">sweep {number}<")).nth(1).unwrap().split("</tr>").next().unwrap().to_owned())
-            .collect();
-        (finished, judged)
-    };
-    let doubted = |judged: &[String]| judged.iter().filter(|text| text.contains("harmonic 3 of")).count();
-    let (_, linear) = sweeps("");
-    assert!(doubted(&linear) <= 1, "{linear:#?}");
-    let (_, curved) = sweeps("[effects.butler_volmer]\nbranch = 3\nalpha = 0.5");
-    assert_eq!(doubted(&curved), 12, "{curved:#?}");
+fn a_linear_cell_is_rarely_doubted_for_a_harmonic() {
+    let files = Files::demo()
+        .without(EXPERIMENT, "temperature")
+        .without(EXPERIMENT, "soc_reset")
+        .without(EXPERIMENT, "fixture_check")
+        .edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"3 A\"\nrepeat = 12")
+        .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]");
+    run_experiment(&files.load(), &files.path("run")).unwrap();
+    let report = fs::read_to_string(files.path("run/report.html")).unwrap();
+    let judged: Vec<&str> =
+        (1..=12).map(|number| report.split(&format!(">sweep {number}<")).nth(1).unwrap().split("</tr>").next().unwrap()).collect();
+    // One false alarm in a hundred sweeps is stated.
+    assert!(judged.iter().filter(|text| text.contains("harmonic 3 of")).count() <= 1, "{judged:#?}");
 }
 
 #[test]

@@ -263,12 +263,15 @@ fn reread(message: &Message) -> Message {
     messages.pull().unwrap().unwrap()
 }
 
+/// What else is read of an answer.
+type More = Box<dyn Fn(&[u8], &str)>;
+
 /// What a dialect reads of what it is answered.
 struct Reader {
     key: &'static str,
     model: &'static dyn Model,
     expects: Vec<instruments::exchange::Expect>,
-    more: Box<dyn Fn(&[u8], &str)>,
+    more: More,
 }
 
 fn reader(model: &'static dyn Model, script: Vec<Exchange>, more: impl Fn(&[u8], &str) + 'static) -> Reader {

@@ -198,6 +198,7 @@ pub(crate) fn patient() -> LinkProfile {
 }
 
 /// Runs a test in real time over each of these transports, one after the other.
+#[expect(clippy::needless_pass_by_value, reason = "a closure is written where it is given")]
 pub(crate) fn over(kinds: &[Kind], test: impl AsyncFn(&Bench)) {
     for &kind in kinds {
         Clock::runtime(TimeMode::Real).unwrap().block_on(async {

@@ -69,7 +69,7 @@ impl Session {
     /// Runs an experiment into a folder. One without controls of its own takes over the correction of the run before.
     ///
     /// # Errors
-    /// As [`run`].
+    /// As [`super::run`].
     pub fn run(&mut self, experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
         self.play(experiment, folder, None)
     }
@@ -77,7 +77,7 @@ impl Session {
     /// Goes on with a run in its folder.
     ///
     /// # Errors
-    /// As [`run`].
+    /// As [`super::run`].
     pub(crate) fn go_on(&mut self, experiment: &Experiment, folder: &Path, past: Past) -> Result<Finished, Failure> {
         self.play(experiment, folder, Some(past))
     }
