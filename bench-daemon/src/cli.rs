@@ -165,7 +165,7 @@ pub struct RunArgs {
 pub struct ResumeArgs {
     /// The run folder.
     pub folder: PathBuf,
-    /// Play a step again although nobody knows which charge it moved before: the cell was looked at and brought to its state by hand.
+    /// Play a step again although nobody knows which charge it moved before, or go on with a sweep although the cell has moved: the cell was looked at.
     #[arg(long)]
     pub accept_charge: bool,
 }

@@ -7,10 +7,11 @@ use analysis::{
     fit::ModelFile,
 };
 
-use super::{Failure, files};
+use super::{Failure, files, run::Recorded};
 use crate::{
     dataset::{Loaded, read_dataset},
     hash,
+    journal::JOURNAL,
     next_experiment::{Setting, experiment_file},
     sums::SUMS,
     terminal::say,
@@ -60,7 +61,8 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     let mut outcomes = Vec::new();
     for name in &cells {
         let folder = args.out.as_ref().map(|folder| if cells.len() > 1 { folder.join(name) } else { folder.clone() });
-        let judged = judged.of_cell(name);
+        let mut judged = judged.of_cell(name);
+        judged.specimen = args.specimen.clone().or_else(|| (cells.len() > 1).then(|| name.clone()));
         let outcome = judged.diagnose()?;
         if let Some(folder) = &folder {
             write(folder, &outcome, &judged)?;
@@ -102,21 +104,29 @@ pub(super) struct Judged {
     file: ModelFile,
     data: PathBuf,
     path: PathBuf,
+    /// The file that the curve was asked for from.
+    ocv: Option<PathBuf>,
+    /// The one cell that is meant, where there are several.
+    specimen: Option<String>,
 }
 
 impl Judged {
-    /// Reads both; the curve from `ocv` or the model file.
+    /// Reads both; the curve from `ocv`, the model file, or the cell's file of a run folder.
     pub(super) fn read(data: &Path, path: &Path, ocv: Option<&Path>) -> Result<Self, Failure> {
         let fail = |text: &str| Failure::Usage(format!("--model {}: {text}", path.display()));
         let file = files::read_model(path)?;
         let given = ocv.map(files::read_curve).transpose()?;
-        let curve = given.or_else(|| file.ocv.clone());
-        let ocv = curve.ok_or_else(|| fail("expected an OCV curve in it, found none; give one with --ocv"))?;
+        let mut curve = given.or_else(|| file.ocv.clone());
+        if curve.is_none() && data.join(JOURNAL).is_file() {
+            curve = Recorded::read(data)?.ocv().cloned();
+        }
+        let curve = curve.ok_or_else(|| fail("expected an OCV curve in it, found none; give one with --ocv"))?;
         if !file.additions.is_empty() {
             return Err(fail("expected a model without additions: the diagnosis starts from the extended Randles model alone"));
         }
-        let model = BaseModel { name: file.name.clone(), erm: file.fit.erm.clone(), ocv };
-        Ok(Self { loaded: read_dataset(data)?, model, file, data: data.to_owned(), path: path.to_owned() })
+        let model = BaseModel { name: file.name.clone(), erm: file.fit.erm.clone(), ocv: curve };
+        let (loaded, ocv) = (read_dataset(data)?, ocv.map(Path::to_owned));
+        Ok(Self { loaded, model, file, data: data.to_owned(), path: path.to_owned(), ocv, specimen: None })
     }
 
     /// The names of the cells that are to be judged, each by itself: a model is one cell's.
@@ -145,7 +155,20 @@ impl Judged {
         let mut set = self.loaded.set.clone();
         set.runs.retain(|run| !matches!(&run.fixture, Fixture::Cell(other) if other != name));
         let loaded = Loaded { set, problems: self.loaded.problems.clone(), notes: self.loaded.notes.clone() };
-        Self { loaded, model: self.model.clone(), file: self.file.clone(), data: self.data.clone(), path: self.path.clone() }
+        let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
+        Self { loaded, model, file, data: self.data.clone(), path: self.path.clone(), ocv, specimen: self.specimen.clone() }
+    }
+
+    /// The command that gives the same diagnosis.
+    fn again(&self) -> String {
+        let mut text = format!("eis-bench diagnose {} --model {}", self.data.display(), self.path.display());
+        if let Some(ocv) = &self.ocv {
+            text.push_str(&format!(" --ocv {}", ocv.display()));
+        }
+        if let Some(specimen) = &self.specimen {
+            text.push_str(&format!(" --specimen {specimen}"));
+        }
+        text
     }
 
     /// The diagnosis of what could be read; what could not makes the data invalid.
@@ -188,8 +211,11 @@ fn page(outcome: &Outcome, judged: &Judged, pictures: &[report::Picture]) -> Res
         ("model".to_owned(), hashed(&judged.path)),
         ("seed".to_owned(), "none: the same files give the same diagnosis".to_owned()),
         ("everything in numbers".to_owned(), "diagnosis.json beside this page".to_owned()),
-        ("to repeat it".to_owned(), format!("eis-bench diagnose {} --model {}", judged.data.display(), judged.path.display())),
+        ("to repeat it".to_owned(), judged.again()),
     ];
+    if let Some(ocv) = &judged.ocv {
+        page.provenance.insert(3, ("open-circuit voltage".to_owned(), hashed(ocv)));
+    }
     page.files = vec![("model".to_owned(), text)];
     if let Ok(text) = std::fs::read_to_string(judged.data.join("dataset.toml")) {
         page.files.push(("dataset.toml".to_owned(), text));

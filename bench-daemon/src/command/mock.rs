@@ -28,6 +28,12 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
     if let Some(role) = args.over.iter().filter_map(|over| over.role.as_deref()).find(|role| !roles.contains(role)) {
         return Err(Failure::Usage(format!("--over: expected a role of this bench ({}), found `{role}`", roles.join(", "))));
     }
+    if let Some(written) = &args.write_bench
+        && written.canonicalize().is_ok_and(|written| path.canonicalize().is_ok_and(|read| read == written))
+    {
+        let text = format!("--write-bench {}: expected another file than the bench file itself, which would be lost", written.display());
+        return Err(Failure::Usage(text));
+    }
     let mode = match &args.time {
         Some(text) => text.parse::<TimeMode>().map_err(|error| Failure::Usage(format!("--time: {error}")))?,
         // In virtual time nothing waits for a client on a real port.

@@ -142,7 +142,10 @@ fn of_run(folder: &Path, out: Option<&Path>) -> Result<(), Failure> {
     );
     say!("  points as the journal has them, bit by bit: {same} of {}", known.len());
     if recorded.unfinished() > 0 {
-        say!("  {} points of sweeps that were not finished were left out", recorded.unfinished());
+        say!("  {} points are of sweeps that were not finished: no spectrum is made of them", recorded.unfinished());
+    }
+    if let Some(how) = recorded.stopped() {
+        say!("  the run was stopped ({how}): it has no report, and none is made");
     }
     if recorded.version() != env!("CARGO_PKG_VERSION") {
         say!("  recorded by version {}, replayed by {}", recorded.version(), env!("CARGO_PKG_VERSION"));
@@ -150,7 +153,7 @@ fn of_run(folder: &Path, out: Option<&Path>) -> Result<(), Failure> {
     let scratch = Scratch::new("replay")?;
     let goal = out.unwrap_or(scratch.path());
     let points: Vec<_> = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
-    recorded.settle(&points, goal, out.is_some())?;
+    recorded.settle(&points, goal, out.is_some() && recorded.stopped().is_none())?;
     tell(folder, goal)?;
     if let Some(out) = out {
         tidy(out)?;

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::{
     Failure,
     replay::{Scratch, run_folders},
-    run::Recorded,
+    run::{Again, Known, Recorded},
 };
 use crate::{
     compare::{Difference, compare},
@@ -44,12 +44,21 @@ pub fn verify(args: &VerifyArgs) -> Result<(), Failure> {
 
 fn of_run(folder: &Path) -> Result<bool, Failure> {
     let name = folder.display();
+    if !folder.join(SUMS).exists()
+        && let Some(how) = Recorded::read(folder)?.stopped()
+    {
+        say!("{name}: the run was stopped ({how}): no report, no {SUMS}; only its captures can be held against its journal");
+        let (count, differences) = points(folder)?;
+        differences.iter().for_each(|one| say!("  {}: {}", one.file, one.what));
+        say!("{name}: {count} points recomputed from captures: {}", counted(differences.len(), "as in the journal", "differences"));
+        return Ok(differences.is_empty());
+    }
     let altered = if folder.join(SUMS).exists() {
         let (files, altered) = sums::check(folder).map_err(|error| Failure::Usage(error.to_string()))?;
         say!("{name}: {files} files held against {SUMS}: {}", counted(altered.len(), "as they were", "altered"));
         altered
     } else {
-        say!("{name}: no {SUMS}: the run did not end, or is of a version before there were any");
+        say!("{name}: no {SUMS}, though the run came to its end");
         vec![Altered { file: SUMS.to_owned(), what: "missing".to_owned() }]
     };
     altered.iter().for_each(|one| say!("  {}: {}", one.file, one.what));
@@ -70,16 +79,26 @@ fn counted(count: usize, none: &str, some: &str) -> String {
     if count == 0 { format!("all {none}") } else { format!("{count} {some}") }
 }
 
+/// The points again, and how many there are.
+fn points(folder: &Path) -> Result<(usize, Vec<Difference>), Failure> {
+    let recorded = Recorded::read(folder)?;
+    let known = recorded.points()?;
+    let again = recorded.analyse(&known)?;
+    Ok((known.len(), changed(&known, &again)))
+}
+
+fn changed(known: &[Known], again: &[Again]) -> Vec<Difference> {
+    let differing = known.iter().zip(again).filter(|(known, again)| known.point != again.point);
+    let what = |known: &Known| format!("the journal's point at {} Hz differs from what this capture gives", known.point.phasors.freq_hz);
+    differing.map(|(known, again)| Difference { file: again.file.clone(), what: what(known) }).collect()
+}
+
 /// Everything again, from the captures on.
 fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
     let recorded = Recorded::read(folder)?;
     let known = recorded.points()?;
     let again = recorded.analyse(&known)?;
-    let mut differences = Vec::new();
-    for (known, again) in known.iter().zip(&again).filter(|(known, again)| known.point != again.point) {
-        let what = format!("the journal's point at {} Hz differs from what this capture gives", known.point.phasors.freq_hz);
-        differences.push(Difference { file: again.file.clone(), what });
-    }
+    let mut differences = changed(&known, &again);
     let scratch = Scratch::new("verify")?;
     let points: Vec<_> = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
     recorded.settle(&points, scratch.path(), true)?;

@@ -83,6 +83,11 @@ impl Check<'_> {
         let (rows, averaged) = match raw.step {
             Some(step) => {
                 let step_s = self.within(&field("step"), step.si, (1.0e-3, 3600.0), "s")?;
+                let length_s = rows.iter().map(|row| row.duration_s).sum::<f64>();
+                if step_s > length_s + average::ROUNDING_S {
+                    let reason = format!("expected at most the {length_s} s that the trace lasts, found {step_s} s");
+                    return Err(self.complain(&field("step"), reason));
+                }
                 let (rows, averaged) = average::averaged(&rows, step_s).map_err(|reason| self.complain(&field("step"), reason))?;
                 (rows, averaged)
             }

@@ -132,3 +132,14 @@ fn a_wrong_model_at_an_address_is_named_and_only_asked_who_it_is() {
         assert_eq!(identified.stdout.matches("NOT THE CONFIGURED MODEL").count(), 2, "{}", identified.stdout);
     }
 }
+
+#[test]
+fn mocks_do_not_write_over_the_bench_file_that_they_are_of() {
+    let files = Files::short(2);
+    let bench = files.path(BENCH);
+    let before = fs::read(&bench).unwrap();
+    let ended = program(&["mock".as_ref(), bench.as_os_str(), "--write-bench".as_ref(), bench.as_os_str()]);
+    ended.expect_code(2);
+    assert!(ended.message().contains("expected another file than the bench file itself, which would be lost"), "{}", ended.message());
+    assert_eq!(fs::read(&bench).unwrap(), before);
+}

@@ -100,3 +100,36 @@ fn a_folder_without_a_run_is_refused() {
     let (code, said) = eis_bench(&["replay"], folder.path());
     assert!(code == 2 && said.contains("expected a run folder, or a folder of them, found no journal.jsonl in or below it"), "{said}");
 }
+
+#[test]
+fn a_run_that_was_stopped_is_no_damaged_one_and_its_finished_points_are_held_against_their_captures() {
+    let files = Files::short(5);
+    let (run, experiment) = (files.path("run"), files.experiment());
+    let mut command = crate::support::command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]);
+    assert!(!command.env("EIS_BENCH_DRILL", "full:captures/cell:3").output().unwrap().status.success());
+    let (code, said) = eis_bench(&["verify"], &run);
+    assert_eq!(code, 0, "{said}");
+    for text in
+        ["the run was stopped (ended early: ", "no report, no SHA256SUMS", "12 points recomputed from captures: all as in the journal"]
+    {
+        assert!(said.contains(text), "{text}: {said}");
+    }
+    let (code, said) = eis_bench(&["replay"], &run);
+    assert_eq!(code, 0, "{said}");
+    assert!(said.contains("bit by bit: 12 of 12") && said.contains("2 points are of sweeps that were not finished"), "{said}");
+}
+
+#[test]
+fn a_run_of_a_relative_path_with_a_trace_of_load_and_supply_beside_controls_is_verified_from_elsewhere() {
+    let trace = "[[traces]]\nname = \"jump\"\nrest_first = \"20 s\"\nstart_voltage = [\"3.77 V\", \"3.83 V\"]\nresistance_max = \"30 mΩ\"\n\
+                 through = \"load_and_supply\"\nsegments = [{ current = \"-6 A\", duration = \"5 s\" }, { current = \"0 A\", duration = \"5 s\" }]\n";
+    let files = Files::short(2).append(crate::support::EXPERIMENT, trace);
+    let experiment = files.experiment();
+    let (folder, run) = (experiment.parent().unwrap(), files.path("run"));
+    let name = experiment.file_name().unwrap();
+    let mut command = crate::support::command(&["run".as_ref(), name, "--out".as_ref(), run.as_os_str()]);
+    let output = command.current_dir(folder).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let (code, said) = eis_bench(&["verify"], &run);
+    assert!(code == 0 && said.contains("every number as stored"), "{code} {said}");
+}

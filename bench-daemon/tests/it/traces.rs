@@ -224,6 +224,9 @@ fn mistakes_in_traces_are_named() {
             "\"100 ms\"",
             "traces.pulses.segments: row 2: expected 0.5 s to 86400 s, which the bipolar supply step by step can play, found 0.1 s",
         ),
+        ("\"12 s\"", "\"0 s\"", "traces.pulses.segments: row 2: expected a duration above 0 s, found 0 s"),
+        ("segments = [", "scale = 0.0\nsegments = [", "traces.pulses.scale: expected a factor other than 0, with which nothing would flow"),
+        ("segments = [", "step = \"25 s\"\nsegments = [", "traces.pulses.step: expected at most the 24 s that the trace lasts, found 25 s"),
         ("\"held_out\"", "\"test\"", "traces.1.role: unknown variant `test`, expected `train` or `held_out`"),
         (
             "\"3.77 V\", \"3.83 V\"",
@@ -245,10 +248,10 @@ fn mistakes_in_traces_are_named() {
         ),
         ("current_a,duration_s\n-1,2\n3;4\n", "steps.csv:3: current_a,duration_s: expected two numbers, found \"3;4\""),
         ("current_a,duration_s\n", "traces.pulses.file: expected at least one segment, found none"),
-        (
-            "current_a,duration_s\nnan,2\n",
-            "traces.pulses.file: row 1: expected -20 A to 20 A, which the bipolar supply kepco-bop-mg can drive, found NaN A",
-        ),
+        ("current_a,duration_s\n1,2\nnan,2\n", "steps.csv:3: current_a,duration_s: expected a finite current, found NaN"),
+        ("power_w,duration_s\n-inf,2\n", "steps.csv:2: current_a,duration_s: expected a finite power, found -inf"),
+        ("current_a,duration_s\n1,nan\n", "steps.csv:2: current_a,duration_s: expected a duration above 0 s, found NaN s"),
+        ("current_a,duration_s\n1,-2\n", "steps.csv:2: current_a,duration_s: expected a duration above 0 s, found -2 s"),
     ] {
         let files = Files::short(2)
             .without(EXPERIMENT, "fixture_check")

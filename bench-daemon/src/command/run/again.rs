@@ -14,7 +14,7 @@ use std::{
     thread,
 };
 
-use super::{Measured, gathered::Gathered, multisine, past, results, sweeping};
+use super::{FINISHED, Measured, gathered::Gathered, multisine, past, results, sweeping};
 use crate::{
     command::Failure,
     config::Experiment,
@@ -28,6 +28,7 @@ use crate::{
 use analysis::{
     calibration::Correction,
     dataset::{self, Capture, CaptureFile, CaptureMeta},
+    ocv::OcvCurve,
     sine::Channel,
 };
 use instruments::{
@@ -48,9 +49,10 @@ pub(crate) struct Recorded {
     /// The journal up to the end of the measurement.
     lines: Vec<Line>,
     story: Story,
+    stopped: Option<String>,
 }
 
-/// A point of a finished sweep as the journal knows it.
+/// A finished point as the journal knows it.
 pub(crate) struct Known {
     /// The number of its stage.
     pub(crate) stage: usize,
@@ -80,13 +82,17 @@ impl Recorded {
     pub(crate) fn read(folder: &Path) -> Result<Self, Failure> {
         let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
         let mut lines = journal::read(folder).map_err(|error| Failure::Usage(error.to_string()))?.lines;
-        // What follows the measurement is made anew.
-        let end = lines.iter().rposition(|line| line.entry == Entry::Safe).map_or(lines.len(), |at| at + 1);
+        let ended = Story::of(&lines).map_err(|error| usage(error.to_string()))?.ended;
+        let stopped = (ended.as_deref() != Some(FINISHED)).then(|| ended.unwrap_or_else(|| "its journal has no end".to_owned()));
+        // What follows the measurement is made anew. Safe state comes at the beginning, too, and a run that was stopped may have no other.
+        let measures = |line: &Line| matches!(line.entry, Entry::Stage { .. } | Entry::Intent { .. } | Entry::Point(_));
+        let last = lines.iter().rposition(measures).unwrap_or(0);
+        let end = lines.iter().rposition(|line| line.entry == Entry::Safe).filter(|at| *at > last).map_or(lines.len(), |at| at + 1);
         lines.truncate(end);
         let story = Story::of(&lines).map_err(|error| usage(error.to_string()))?;
         let experiment = past::copied_experiment(folder, &story.started)?;
         let plan = procedure::plan(&experiment);
-        Ok(Self { folder: folder.to_owned(), experiment, plan, lines, story })
+        Ok(Self { folder: folder.to_owned(), experiment, plan, lines, story, stopped })
     }
 
     /// The version of the program that made it.
@@ -94,13 +100,23 @@ impl Recorded {
         &self.story.started.version
     }
 
-    /// Points of all finished sweeps, in the order of the plan.
+    /// How a run ended that did not come to its end.
+    pub(crate) fn stopped(&self) -> Option<&str> {
+        self.stopped.as_deref()
+    }
+
+    /// The open-circuit voltage of the cell as its file has it.
+    pub(crate) fn ocv(&self) -> Option<&OcvCurve> {
+        self.experiment.cell.ocv.as_ref()
+    }
+
+    /// All finished points, in the order of the plan, those of sweeps that were not finished among them.
     ///
     /// # Errors
     /// A journal that tells of a sweep where the plan has none.
     pub(crate) fn points(&self) -> Result<Vec<Known>, Failure> {
         let mut known = Vec::new();
-        for (stage, story) in self.story.stages.iter().filter(|(_, story)| story.finished) {
+        for (stage, story) in &self.story.stages {
             for (step, done) in &story.points {
                 if self.swept(*stage).is_none() {
                     let text = format!(
@@ -116,7 +132,7 @@ impl Recorded {
         Ok(known)
     }
 
-    /// Points of sweeps that were not finished; they are left out.
+    /// How many points are of sweeps that were not finished: no spectrum is made of them.
     pub(crate) fn unfinished(&self) -> usize {
         self.story.stages.values().filter(|story| !story.finished).map(|story| story.points.len()).sum()
     }

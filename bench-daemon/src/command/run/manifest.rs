@@ -33,20 +33,31 @@ struct Manifest<'a> {
     bench_time_s: f64,
 }
 
+/// The copies of the configuration in the run folder, in the order of its sources. They are the same from wherever the run was started.
+///
+/// # Errors
+/// The file system's.
+pub(super) fn copies(experiment: &config::Experiment) -> std::io::Result<Vec<ConfigCopy>> {
+    let mut files: Vec<ConfigCopy> = Vec::new();
+    for source in &experiment.sources {
+        // From wherever it is gone on with: the state of the bench lies beside its file.
+        let path = std::path::absolute(source.path())?;
+        let name = path.file_name().map_or_else(|| "config.toml".into(), |name| name.to_string_lossy());
+        let mut copy = format!("config/{}_{name}", folder_of(&path));
+        while files.iter().any(|known| known.copy == copy && known.path != path) {
+            copy.insert_str("config/".len(), "other_");
+        }
+        files.push(ConfigCopy { path, copy, sha256: hash::sha256(source.text()) });
+    }
+    Ok(files)
+}
+
 impl Run<'_> {
     /// Copies the configuration, and begins the journal: from here on the run can be gone on with.
     pub(super) fn begin(&mut self) -> Result<(), Failure> {
-        let mut files = Vec::new();
-        for source in &self.experiment.sources {
-            let name = source.path().file_name().map_or_else(|| "config.toml".into(), |name| name.to_string_lossy());
-            let mut copy = format!("config/{}_{name}", folder_of(source.path()));
-            let path = std::path::absolute(source.path())?;
-            while files.iter().any(|known: &ConfigCopy| known.copy == copy && known.path != path) {
-                copy.insert_str("config/".len(), "other_");
-            }
-            self.recorder.text(&copy, source.text())?;
-            // From wherever it is gone on with: the state of the bench lies beside its file.
-            files.push(ConfigCopy { path, copy, sha256: hash::sha256(source.text()) });
+        let files = copies(self.experiment)?;
+        for (source, file) in self.experiment.sources.iter().zip(&files) {
+            self.recorder.text(&file.copy, source.text())?;
         }
         let started = Started {
             version: env!("CARGO_PKG_VERSION").to_owned(),

@@ -18,7 +18,8 @@ use crate::{
     story::{Next, Story},
 };
 
-/// A voltage at rest may differ from that before the crash by this much without being remarked, V.
+/// The voltage at rest may differ by this much from that before the sweep, V. A sweep moves no charge on the whole, so that no relaxation of more than a
+/// few millivolts follows it; two voltmeters differ by a few more. Beyond it the cell has another state of charge.
 const MOVED_V: f64 = 0.02;
 
 /// What was done, and where it goes on.
@@ -26,6 +27,8 @@ pub(crate) struct Past {
     pub(super) read: Read,
     pub(super) story: Story,
     pub(super) next: Next,
+    /// A person has looked at the cell.
+    accepted: bool,
 }
 
 /// The stages of a plan, each by the first digits of the hash of everything that it holds.
@@ -63,9 +66,10 @@ impl Past {
             _ => false,
         };
         // A world in virtual time is played again from its beginning: nothing of its charge is unknown.
+        let accepted = accept_charge;
         let accept_charge = accept_charge || story.started.time == TimeMode::Virtual.to_string();
         let next = story.next(plan.plan(), recorded, accept_charge).map_err(|stuck| usage(stuck.to_string()))?;
-        Ok((experiment, Self { read, story, next }))
+        Ok((experiment, Self { read, story, next, accepted }))
     }
 
     /// Bench time at which the run goes on, s: in real time as if it had gone on all the while, on scaled mocks the time of the last entry.
@@ -75,6 +79,23 @@ impl Past {
         let real = self.story.started.time == TimeMode::Real.to_string();
         let passed_s = manifest["started_unix_s"].as_f64().filter(|_| real).map_or(0.0, |start_s| clock::unix_time_s() - start_s);
         passed_s.max(self.story.last_s)
+    }
+
+    /// What is to be said when the points of the open sweep were measured at another state of charge than the cell has now.
+    fn moved(&self, volts: f64) -> Option<String> {
+        let (open, _) = self.next.open?;
+        let points = &self.story.stages.get(&open)?.points;
+        let before_v = points.values().next()?.idle.voltage_v?;
+        if self.next.again.is_some() || (volts - before_v).abs() <= MOVED_V {
+            return None;
+        }
+        let at: Vec<String> = points.values().map(|done| format!("{:.4}", done.point.phasors.freq_hz)).collect();
+        Some(format!(
+            "stage {}: expected the cell within {MOVED_V} V of the {before_v:.4} V at which this sweep began, found {volts:.4} V: its points at {} Hz \
+             belong to another state of charge than those that follow",
+            open + 1,
+            at.join(", ")
+        ))
     }
 
     /// The run began on a simulated bench, or with a correction, of runs before it.
@@ -124,17 +145,13 @@ impl Run<'_> {
         // The load's leads see the cell itself; a current that flows moves it, too.
         let volts = found.iter().find(|found| found.role == "load").and_then(|found| found.volts);
         let quiet = found.iter().all(|found| found.off);
-        let before = self.past.as_ref().and_then(|past| {
-            let (open, _) = past.next.open?;
-            past.story.stages.get(&open)?.points.values().next()?.idle.voltage_v
-        });
-        if let (true, Some(volts), Some(before_v)) = (quiet, volts, before)
-            && (volts - before_v).abs() > MOVED_V
-        {
-            self.recorder.warning(&format!(
-                "between {before_v:.4} V before this sweep was interrupted and {volts:.4} V afterwards the cell has moved"
-            ));
+        let Some((past, volts)) = self.past.as_ref().zip(volts).filter(|_| quiet) else { return Ok(()) };
+        let Some(text) = past.moved(volts) else { return Ok(()) };
+        if !past.accepted {
+            let help = "bring the cell to its state by hand, or go on with --accept-charge, which flags these points";
+            return Err(Failure::Usage(format!("{}: {text}; {help}", self.recorder.folder().display())));
         }
+        self.recorder.warning(&text);
         Ok(())
     }
 }

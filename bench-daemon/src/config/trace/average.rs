@@ -3,8 +3,10 @@
 use super::Row;
 use crate::plan::Averaged;
 
-/// Differences below this share of the rows' root mean square are rounding.
+/// Times that differ by less than this share are one.
 const ROUNDING: f64 = 1.0e-9;
+/// Times of rows are differences of rounded ones: a nanosecond is none, s.
+pub(super) const ROUNDING_S: f64 = 1.0e-9;
 
 /// The mean of the rows over each step, and what is lost by that; nothing where every row is whole steps. The last step is filled up with nothing.
 ///
@@ -18,12 +20,16 @@ pub(super) fn averaged(rows: &[Row], step_s: f64) -> Result<(Vec<Row>, Option<Av
     if let Some((index, row)) = rows.iter().enumerate().find(|(_, row)| !(row.duration_s > 0.0 && row.duration_s.is_finite())) {
         return Err(format!("row {}: expected a duration above 0 s, found {} s", index + 1, row.duration_s));
     }
-    let whole = |row: &Row| ((row.duration_s / step_s).round() * step_s / row.duration_s - 1.0).abs() < ROUNDING;
+    let rounding_s = |span_s: f64| ROUNDING_S.max(ROUNDING * span_s);
+    let whole = |row: &Row| {
+        let steps = (row.duration_s / step_s).round().max(1.0);
+        (steps * step_s - row.duration_s).abs() <= rounding_s(row.duration_s)
+    };
     if rows.iter().all(whole) {
         return Ok((rows.to_vec(), None));
     }
     let total_s: f64 = rows.iter().map(|row| row.duration_s).sum();
-    let count = (total_s / step_s - ROUNDING).ceil().max(1.0) as usize;
+    let count = ((total_s - rounding_s(total_s)) / step_s).ceil().max(1.0) as usize;
     let mut sums = vec![(0.0_f64, 0.0_f64); count];
     let mut pieces: Vec<(usize, f64, f64)> = Vec::new();
     let mut at_s = 0.0;
@@ -75,6 +81,16 @@ mod tests {
         let text = "3 powers averaged over steps of 1 s: the energy of each step is kept, 1.732 W rms (67.1 % of the rows' rms) and at most 2.000 W are \
                     left out";
         assert_eq!(lost.to_string(), text);
+    }
+
+    #[test]
+    fn rounded_times_make_no_further_step() {
+        // Late in a long file a row is a rounding off its 2 ms, and the sum of many rows is.
+        let late = rows(&[(1.0, 100_000.002 - 100_000.0)]);
+        assert_eq!(averaged(&late, 2.0e-3).unwrap(), (late, None));
+        let many = rows(&[(1.0, 1.0e-3 + 3.0e-13); 20_001]);
+        assert_eq!(averaged(&many[..20_000], 2.0e-3).unwrap().0.len(), 10_000);
+        assert_eq!(averaged(&many, 2.0e-3).unwrap().0.len(), 10_001);
     }
 
     #[test]

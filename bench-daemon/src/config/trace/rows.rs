@@ -24,6 +24,18 @@ impl Row {
         if self.power { self.value / volts } else { self.value }
     }
 
+    /// Numbers, and a time in which something can flow.
+    fn judge(&self) -> Result<(), String> {
+        let (value, duration_s) = (self.value, self.duration_s);
+        if !value.is_finite() {
+            return Err(format!("expected a finite {}, found {value}", if self.power { "power" } else { "current" }));
+        }
+        if !(duration_s > 0.0 && duration_s.is_finite()) {
+            return Err(format!("expected a duration above 0 s, found {duration_s} s"));
+        }
+        Ok(())
+    }
+
     /// A power at worst: the current that it takes at the least voltage.
     pub(super) fn segment(&self, least_v: f64) -> Segment {
         Segment { current_a: self.current_a(least_v), duration_s: self.duration_s, power_w: self.power.then_some(self.value) }
@@ -58,7 +70,14 @@ impl Check<'_> {
         if rows.is_empty() {
             return Err(self.complain(&field(part), "expected at least one segment, found none"));
         }
+        if let Some((index, reason)) = rows.iter().enumerate().find_map(|(index, row)| Some((index, row.judge().err()?))) {
+            let of = source.as_ref().map_or_else(String::new, |source| format!("{}: ", source.path().display()));
+            return Err(self.complain(&field(part), format!("{of}row {}: {reason}", index + 1)));
+        }
         let scale = self.within(&field("scale"), raw.scale.unwrap_or(1.0), (-1.0e3, 1.0e3), "(factor)")?;
+        if scale == 0.0 {
+            return Err(self.complain(&field("scale"), "expected a factor other than 0, with which nothing would flow"));
+        }
         rows.iter_mut().for_each(|row| row.value *= scale);
         Ok((rows, source))
     }
@@ -94,7 +113,8 @@ fn table(source: &Source) -> Result<Vec<Row>, ConfigError> {
     let row = |(line, text): (usize, &str)| {
         let numbers = text.split_once(',').and_then(|(a, b)| Some((a.trim().parse::<f64>().ok()?, b.trim().parse::<f64>().ok()?)));
         let (value, duration_s) = numbers.ok_or_else(|| complain(line, format!("expected two numbers, found {text:?}")))?;
-        Ok(Row { value, power: header == 1, duration_s })
+        let row = Row { value, power: header == 1, duration_s };
+        row.judge().map_err(|reason| complain(line, reason)).map(|()| row)
     };
     lines.filter(|(_, text)| !text.is_empty()).map(row).collect()
 }

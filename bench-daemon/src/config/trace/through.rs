@@ -124,7 +124,11 @@ impl Check<'_> {
             if !(shortest_s * (1.0 - WHOLE)..=LONGEST_S).contains(&row.duration_s) {
                 let found = row.duration_s;
                 let reason = format!("expected {shortest_s} s to {LONGEST_S} s, which {what} can play, found {found} s");
-                let help = if found < shortest_s { "; `step` averages rows, `through = \"wave\"` plays them from 1 ms on" } else { "" };
+                let help = match found {
+                    _ if found >= shortest_s => "",
+                    _ if shortest_s <= SHORTEST_WAVE_S => "; `step` averages rows",
+                    _ => "; `step` averages rows, `through = \"wave\"` plays them from 1 ms on",
+                };
                 return Err(of_row(format!("{reason}{help}")));
             }
             judge(row).map_err(of_row)?;

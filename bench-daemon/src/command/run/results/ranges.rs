@@ -38,6 +38,10 @@ pub(super) fn warn(recorder: &mut Recorder, measured: &Measured) -> Result<(), F
     for trace in recorder.index().traces.iter().filter(|_| !controls.is_empty()) {
         // The channels keep their ranges from the frame of the zeros on.
         let zero = recorder.path(&format!("captures/trace_{}_{}/zero.parquet", trace.name, trace.repeat));
+        // Meters recorded it: no channel, and nothing to correct.
+        if !zero.exists() {
+            continue;
+        }
         let meta = dataset::read_capture(&zero).map_err(RecordError::from)?.meta;
         all.push((
             format!("trace {}, repeat {}", trace.name, trace.repeat),

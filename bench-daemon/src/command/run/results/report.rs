@@ -19,10 +19,11 @@ use crate::{
     command::{
         Failure, files,
         fit::{bode_plot, model_curves},
-        run::Measured,
+        run::{Measured, manifest},
     },
-    config::{Experiment, Source},
-    fixture_check, hash,
+    config::Experiment,
+    fixture_check,
+    journal::ConfigCopy,
     present::{branches_table, fit_warnings, models_table, significant},
     record::Recorder,
     sums::SUMS,
@@ -96,8 +97,9 @@ fn page(
     (verdicts, figures, tables): (Vec<Verdict>, Vec<Figure>, Vec<Table>),
 ) -> Result<(), Failure> {
     let title = format!("{}: {} on bench {}", experiment.name, experiment.cell.name, experiment.bench.name);
-    let files = experiment.sources.iter().map(|source| (source.path().display().to_string(), source.text().to_owned())).collect();
-    let report = Report { title, verdicts, figures, tables, provenance: provenance(experiment), files, ..Report::default() };
+    let copies = manifest::copies(experiment)?;
+    let files = copies.iter().zip(&experiment.sources).map(|(file, source)| (file.copy.clone(), source.text().to_owned())).collect();
+    let report = Report { title, verdicts, figures, tables, provenance: provenance(experiment, &copies), files, ..Report::default() };
     let html = report.to_html().map_err(|error| Failure::Analysis(error.to_string()))?;
     Ok(recorder.text("report.html", &html)?)
 }
@@ -321,7 +323,7 @@ fn harness_table(measured: &Measured) -> Table {
     }
 }
 
-fn provenance(experiment: &Experiment) -> Vec<(String, String)> {
+fn provenance(experiment: &Experiment, copies: &[ConfigCopy]) -> Vec<(String, String)> {
     let mut rows = vec![
         ("program".to_owned(), format!("eis-bench {}", env!("CARGO_PKG_VERSION"))),
         ("seed".to_owned(), experiment.seed.to_string()),
@@ -335,14 +337,15 @@ fn provenance(experiment: &Experiment) -> Vec<(String, String)> {
             },
         ),
     ];
-    let file = |source: &Source| ("file".to_owned(), format!("{}, SHA-256 {}", source.path().display(), hash::sha256(source.text())));
-    rows.extend(experiment.sources.iter().map(file));
+    rows.extend(copies.iter().map(|file| ("file".to_owned(), format!("{}, SHA-256 {}", file.copy, file.sha256))));
     rows.push(("instruments".to_owned(), "manifest.json beside this page".to_owned()));
     rows.push(("all files' hashes".to_owned(), format!("{SUMS} beside this page; `eis-bench verify` holds the folder against them")));
-    rows.push((
-        "to repeat it".to_owned(),
-        "the files below, and `eis-bench run` with this seed; from the captures: `eis-bench replay`".to_owned(),
-    ));
+    if let [first, bench, ..] = copies {
+        let (first, bench) = (first.path.display(), bench.path.display());
+        let text = format!("eis-bench run {first} --bench {bench} --seed {}", experiment.seed);
+        rows.push(("to repeat it".to_owned(), text));
+    }
+    rows.push(("from the captures".to_owned(), "eis-bench replay of the run folder".to_owned()));
     rows
 }
 
