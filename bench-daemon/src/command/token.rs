@@ -1,6 +1,6 @@
 //! `eis-bench token`: who may ask a server for what.
 
-use std::path::PathBuf;
+use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Subcommand};
 
@@ -58,7 +58,7 @@ impl From<TokenError> for Failure {
 /// A mistake in the server's file; a name that cannot be; tokens that cannot be written.
 pub fn token(args: &TokenArgs) -> Result<(), Failure> {
     let (Act::Add { config, .. } | Act::List { config } | Act::Revoke { config, .. }) = &args.act;
-    let data = Settings::load(config)?.data;
+    let Settings { data, listen, .. } = Settings::load(config)?;
     std::fs::create_dir_all(&data)?;
     let tokens = Tokens::of(&data);
     match &args.act {
@@ -76,7 +76,18 @@ pub fn token(args: &TokenArgs) -> Result<(), Failure> {
         Act::Revoke { name, .. } => {
             tokens.revoke(name)?;
             say!("{name} opens nothing any more");
+            if tokens.all()?.is_empty() {
+                say!("that was the last token: {}", without_tokens(listen));
+            }
         }
     }
     Ok(())
+}
+
+/// Who may do what on a server that has no token, in words.
+fn without_tokens(listen: SocketAddr) -> String {
+    if listen.ip().is_loopback() {
+        return "from now on everybody on this machine may do everything".to_owned();
+    }
+    format!("the server listens beyond this machine (on {listen}) and lets nobody in until `eis-bench token add` makes another")
 }

@@ -114,6 +114,8 @@ pub struct ReadingNow {
     pub current_a: Option<f64>,
     /// Surface temperature of the cell when it was read last, °C.
     pub temperature_c: Option<f64>,
+    /// The process that took it still runs; otherwise it tells how things were, not how they are.
+    pub fresh: bool,
 }
 
 /// A state of charge.
@@ -205,6 +207,8 @@ pub struct StopReport {
     pub over: bool,
     /// Every output that can move charge was read back as off.
     pub verified: bool,
+    /// The bench is simulated within the run's process, and that process has ended: there is no output, and none was read back.
+    pub simulated: bool,
     /// What was done, in words, in order.
     pub steps: Vec<String>,
     /// What was read back, a line for each instrument.

@@ -160,15 +160,16 @@ async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: 
     };
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     if bench.in_process() {
-        report.verified = output.status.success() && in_work(server, bench).is_none();
-        return tell(server, report, said.trim().to_owned());
+        report.simulated = output.status.success() && in_work(server, bench).is_none();
+        let ended = "nothing of this bench is outside the run's process, and none runs: no output was read back";
+        return tell(server, report, if report.simulated { ended } else { "the run's process has not ended" }.to_owned());
     }
     for line in said.lines() {
         let role = line.split_whitespace().next().unwrap_or_default().to_owned();
         let off = line.contains(" off, read back") && !line.contains("NOT VERIFIED");
         report.outputs.push(OutputRead { role, off, text: line.split_whitespace().collect::<Vec<_>>().join(" ") });
     }
-    report.verified = output.status.success() && report.outputs.iter().all(|output| output.off);
+    report.verified = output.status.success() && !report.outputs.is_empty() && report.outputs.iter().all(|output| output.off);
     let last = String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or_default().to_owned();
     tell(server, report, if report.verified { "every output is off and was read back".to_owned() } else { last });
 }

@@ -2,6 +2,7 @@
 
 use std::{
     fs::File,
+    io::Write,
     os::unix::process::CommandExt,
     path::Path,
     process::{Child, Command, Stdio},
@@ -42,6 +43,9 @@ const LOOK_S: f64 = 0.2;
 const TELL_S: f64 = 0.5;
 /// So long a process may take until its journal is there, s.
 const BIRTH_S: f64 = 60.0;
+
+/// Parts what the processes of a run wrote into its log.
+const RESUMED: &str = "-- resumed --";
 
 /// The thread at work.
 pub struct Supervisor {
@@ -143,7 +147,7 @@ impl Post {
         self.child = None;
         let mut watch = Watch::new(&server.runs().join(&item.run));
         watch.look();
-        let how = watch.ended().map(str::to_owned).or_else(|| last_word(server, &item.run));
+        let how = watch.ended().map(str::to_owned).or_else(|| last_word(&log_of(server, &item.run)));
         let how = how.unwrap_or_else(|| "its process was killed or died".to_owned());
         let finished = watch.ended() == Some("finished") && code.is_none_or(|code| code == 0);
         self.over(server, &item, &Ended { code, finished, how, unix_s: clock::unix_time_s() });
@@ -289,7 +293,7 @@ impl Post {
             (false, false) if trip.is_some() => BenchState::Latched,
             (false, false) => BenchState::Idle,
         };
-        let reading = self.watch.as_ref().and_then(|(_, watch)| watch.reading.clone());
+        let reading = self.watch.as_ref().and_then(|(_, watch)| watch.reading(going));
         let experiment = self.watch.as_ref().and_then(|(_, watch)| watch.experiment.as_ref());
         let limits = match (experiment, &reading) {
             (Some(experiment), Some(reading)) => live::limits(&experiment.cell.limits, reading.fixture == "cell", reading),
@@ -303,7 +307,8 @@ impl Post {
             soc: self.watch.as_ref().and_then(|(_, watch)| watch.soc()),
             reading,
             limits,
-            instruments: self.instruments(server, (going, stop.as_ref().is_some_and(|stop| stop.over && stop.verified))),
+            instruments: self
+                .instruments(server, (going, stop.as_ref().is_some_and(|stop| stop.over && (stop.verified || stop.simulated)))),
             trip: trip.map(Into::into),
             stop,
         }
@@ -312,7 +317,7 @@ impl Post {
     fn instruments(&self, server: &Server, (going, stopped): (bool, bool)) -> Vec<InstrumentNow> {
         let asked = server.identities().get(&self.bench.name).cloned().unwrap_or_default();
         let watch = self.watch.as_ref().map(|(_, watch)| watch);
-        let died = !going && watch.is_some_and(|watch| watch.ended().is_none() && watch.reading.is_some());
+        let died = !going && watch.is_some_and(|watch| watch.ended().is_none() && watch.reading(going).is_some());
         let one = |(role, instrument): (&'static str, &config::Instrument)| {
             let identity = asked.iter().chain(&self.manifest).find(|identity| identity.role == role);
             let heard = watch.and_then(|watch| watch.heard.get(role));
@@ -361,7 +366,7 @@ fn lives(folder: &Path, item: &Item) -> bool {
 fn command(server: &Server, item: &Item, bench: &config::Bench) -> Result<Command, String> {
     let data = &server.settings.data;
     let path = data.join("logs").join(format!("{}.log", item.run));
-    let log = File::options().create(true).append(true).open(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let mut log = File::options().create(true).append(true).open(&path).map_err(|error| format!("{}: {error}", path.display()))?;
     let mut command = Command::new(&server.program);
     match item.kind {
         Kind::Run => {
@@ -373,17 +378,24 @@ fn command(server: &Server, item: &Item, bench: &config::Bench) -> Result<Comman
                 command.arg("--seed").arg(seed.to_string());
             }
         }
-        Kind::Resume => drop(command.arg("resume").arg(server.runs().join(&item.run))),
+        Kind::Resume => {
+            writeln!(log, "{RESUMED}").map_err(|error| format!("{}: {error}", path.display()))?;
+            command.arg("resume").arg(server.runs().join(&item.run));
+        }
     }
     let errors = log.try_clone().map_err(|error| error.to_string())?;
     command.stdin(Stdio::null()).stdout(log).stderr(errors).process_group(0).env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC");
     Ok(command)
 }
 
-/// What the process of a run said last of why it ended.
-fn last_word(server: &Server, run: &str) -> Option<String> {
-    let text = std::fs::read_to_string(server.settings.data.join("logs").join(format!("{run}.log"))).ok()?;
-    text.lines().rev().find_map(|line| line.strip_prefix("eis-bench: ")).map(str::to_owned)
+/// What the processes of a run wrote.
+fn log_of(server: &Server, run: &str) -> String {
+    std::fs::read_to_string(server.settings.data.join("logs").join(format!("{run}.log"))).unwrap_or_default()
+}
+
+/// What the last process of a run said last of why it ended; what those before it said is not its own.
+fn last_word(log: &str) -> Option<String> {
+    log.lines().rev().take_while(|line| *line != RESUMED).find_map(|line| line.strip_prefix("eis-bench: ")).map(str::to_owned)
 }
 
 /// What the instruments of a run said of themselves.

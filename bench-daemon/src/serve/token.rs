@@ -23,7 +23,7 @@ const PREFIX: &str = "eb_";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scope {
-    /// To look, and to stop: who sees that something goes wrong must be able to end it.
+    /// To look. To stop no scope is needed: who sees that something goes wrong must be able to end it.
     Read,
     /// To cancel, reorder, hold and pause, and to ask the instruments who they are.
     Operate,

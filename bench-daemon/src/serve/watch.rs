@@ -39,13 +39,16 @@ pub struct Watch {
     stages: BTreeMap<usize, Stage>,
     /// Stage and step in work, and the bench time at which the step was begun, s.
     at: Option<(usize, usize, f64)>,
+    /// Stages with the bench time at which each was begun, s, in order.
+    begun: Vec<(f64, usize)>,
+    /// Bench time at which the process that runs it, or ran it last, began, s.
+    process_s: f64,
     latest_s: f64,
     paused: bool,
     safe: bool,
     ended: Option<String>,
     last_text: String,
-    /// The last reading.
-    pub reading: Option<ReadingNow>,
+    reading: Option<ReadingNow>,
     soc: Option<Soc>,
     /// The instruments, by role.
     pub heard: BTreeMap<&'static str, Heard>,
@@ -72,6 +75,8 @@ impl Watch {
             name: String::new(),
             stages: BTreeMap::new(),
             at: None,
+            begun: Vec::new(),
+            process_s: 0.0,
             latest_s: 0.0,
             paused: false,
             safe: false,
@@ -109,7 +114,8 @@ impl Watch {
     fn entry(&mut self, line: Line) {
         self.latest_s = self.latest_s.max(line.time_s);
         self.ended = None;
-        self.safe = matches!(line.entry, Entry::Safe | Entry::Paused) || (self.safe && matches!(line.entry, Entry::Note { .. }));
+        self.safe = matches!(line.entry, Entry::Safe | Entry::Paused)
+            || (self.safe && matches!(line.entry, Entry::Note { .. } | Entry::Ended { .. }));
         match line.entry {
             Entry::Started(started) => {
                 let time = started.time.parse::<TimeMode>().unwrap_or(TimeMode::Real);
@@ -126,6 +132,7 @@ impl Watch {
             }
             Entry::Stage { stage } => {
                 *self.stages.entry(stage).or_default() = Stage::default();
+                self.begun.push((line.time_s, stage));
                 (self.at, self.last_text) = (Some((stage, 0, line.time_s)), String::new());
             }
             Entry::Intent { stage, step, text, .. } => (self.at, self.last_text) = (Some((stage, step, line.time_s)), text),
@@ -133,7 +140,8 @@ impl Watch {
             Entry::Point(point) => drop(self.stages.entry(point.stage).or_default().done.insert(point.step, true)),
             Entry::StageDone { stage } => self.stages.entry(stage).or_default().finished = true,
             Entry::Paused => self.paused = true,
-            Entry::GoneOn | Entry::Resumed { .. } => self.paused = false,
+            Entry::GoneOn => self.paused = false,
+            Entry::Resumed { .. } => (self.paused, self.process_s) = (false, line.time_s),
             Entry::Ended { how } => self.ended = Some(how),
             Entry::Safe | Entry::Note { .. } | Entry::Found(_) => {}
         }
@@ -146,28 +154,31 @@ impl Watch {
         let mut number = || cells.next().and_then(|cell| cell.parse::<f64>().ok()).filter(|value| value.is_finite());
         let (voltage_v, current_a, temperature_c) = (number(), number(), number());
         let before = self.reading.take();
+        let fixture = self.fixture_at(time_s).map_or("cell", fixture_name);
         self.count((time_s, phase), (voltage_v, current_a), before.as_ref());
         self.latest_s = self.latest_s.max(time_s);
         let kept_c = before.as_ref().and_then(|before| before.temperature_c);
         let (voltage_v, current_a) = match (voltage_v, current_a, &before) {
-            // Some readings are of the temperature only.
-            (None, None, Some(before)) => (before.voltage_v, before.current_a),
+            // Some readings are of the temperature only. What was read of another thing in the jig says nothing of this one.
+            (None, None, Some(before)) if before.fixture == fixture => (before.voltage_v, before.current_a),
             _ => (voltage_v, current_a),
         };
         self.reading = Some(ReadingNow {
             time_s,
             phase: phase.to_owned(),
-            fixture: self.fixture().map_or("cell", fixture_name).to_owned(),
+            fixture: fixture.to_owned(),
             voltage_v,
             current_a,
             temperature_c: temperature_c.or(kept_c),
+            fresh: true,
         });
     }
 
     /// The state of charge: from the voltage at rest, and from there on by the charge that was read. In a sweep no net charge flows, and its readings
     /// are means over a part of a period.
     fn count(&mut self, (time_s, phase): (f64, &str), (voltage_v, current_a): (Option<f64>, Option<f64>), before: Option<&ReadingNow>) {
-        let Some(experiment) = self.experiment.as_ref().filter(|_| self.fixture().is_none_or(|fixture| fixture == Fixture::Cell)) else {
+        let Some(experiment) = self.experiment.as_ref().filter(|_| self.fixture_at(time_s).is_none_or(|fixture| fixture == Fixture::Cell))
+        else {
             return;
         };
         let (Some(volts), Some(amps)) = (voltage_v, current_a) else { return };
@@ -185,15 +196,21 @@ impl Watch {
         }
     }
 
+    /// The last reading; `going` tells whether the run's process lives. One of an earlier process is not fresh.
+    pub fn reading(&self, going: bool) -> Option<ReadingNow> {
+        let reading = self.reading.clone()?;
+        Some(ReadingNow { fresh: going && reading.time_s >= self.process_s, ..reading })
+    }
+
     /// The state of charge, while the cell is in the jig.
     pub fn soc(&self) -> Option<Soc> {
         self.soc
     }
 
-    /// What is in the jig, as far as the stage in work tells.
-    pub fn fixture(&self) -> Option<Fixture> {
-        let (stage, ..) = self.at?;
-        match self.plan.as_ref()?.stages.get(stage)?.purpose {
+    /// What was in the jig at a bench time in s, as far as the stages tell: the journal is read before the readings, and may be ahead of them.
+    fn fixture_at(&self, time_s: f64) -> Option<Fixture> {
+        let (_, stage) = self.begun.iter().rev().find(|(begun_s, _)| *begun_s <= time_s)?;
+        match self.plan.as_ref()?.stages.get(*stage)?.purpose {
             Purpose::Sweep(fixture, _) => Some(fixture),
             _ => Some(Fixture::Cell),
         }
@@ -266,4 +283,56 @@ impl Watch {
 /// Whole lines that are new, where there are any.
 fn grown(file: &mut Follow) -> Option<Vec<String>> {
     file.look().ok().map(|grown| grown.lines).filter(|lines| !lines.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The fake cell from 10 s on, the cell from 20 s on.
+    fn changed() -> Watch {
+        let stage = |fixture, number| crate::plan::Stage { purpose: Purpose::Sweep(fixture, number), steps: Vec::new() };
+        let plan = Plan { stages: vec![stage(Fixture::FakeCell, 0), stage(Fixture::Cell, 1)] };
+        let mut watch = Watch { plan: Some(plan), ..Watch::new(Path::new("none")) };
+        tell(&mut watch, 10.0, Entry::Stage { stage: 0 });
+        tell(&mut watch, 20.0, Entry::Stage { stage: 1 });
+        watch
+    }
+
+    fn tell(watch: &mut Watch, time_s: f64, entry: Entry) {
+        watch.entry(Line { number: 1, time_s, entry });
+    }
+
+    #[test]
+    fn what_was_read_of_one_fixture_is_never_shown_of_another() {
+        let mut watch = changed();
+        let mut read = |line: &str| {
+            watch.read(line);
+            let reading = watch.reading(true).unwrap();
+            (reading.fixture, reading.voltage_v, reading.current_a, reading.temperature_c)
+        };
+        let fake = || "fake_cell".to_owned();
+        // The journal is ahead of the readings.
+        assert_eq!(read("18,sine,0.01,1.5,"), (fake(), Some(0.01), Some(1.5), None));
+        assert_eq!(read("19,sine,,,25.0"), (fake(), Some(0.01), Some(1.5), Some(25.0)));
+        assert_eq!(read("21,rest,,,25.1"), ("cell".to_owned(), None, None, Some(25.1)));
+        assert_eq!(read("22,rest,3.6,0,"), ("cell".to_owned(), Some(3.6), Some(0.0), Some(25.1)));
+    }
+
+    #[test]
+    fn an_end_after_safe_state_is_safe_and_another_process_makes_readings_old() {
+        let mut watch = changed();
+        let ended = || Entry::Ended { how: "stopped".to_owned() };
+        tell(&mut watch, 30.0, ended());
+        assert!(!watch.now(None, false).safe, "nobody said that it is");
+        tell(&mut watch, 31.0, Entry::Safe);
+        tell(&mut watch, 32.0, ended());
+        assert!(watch.now(None, false).safe);
+        watch.read("29,rest,3.6,0,25");
+        assert!(watch.reading(true).unwrap().fresh && !watch.reading(false).unwrap().fresh);
+        tell(&mut watch, 40.0, Entry::Resumed { text: String::new() });
+        assert!(!watch.reading(true).unwrap().fresh && !watch.now(None, true).safe);
+        watch.read("41,rest,3.6,0,25");
+        assert!(watch.reading(true).unwrap().fresh);
+    }
 }

@@ -51,11 +51,14 @@ fn an_experiment_is_submitted_runs_by_itself_and_can_be_looked_at() {
     assert!(String::from_utf8_lossy(&report.body).contains("</html>"));
     assert_eq!(served.get("/queue")["items"], serde_json::json!([]));
     assert!(served.get(&format!("/runs/{run}/log"))["lines"].as_array().unwrap().len() > 3);
+    let idle = poll("an idle bench", || Some(served.get("/benches/demo")).filter(|live| live["state"] == "idle"));
+    assert_eq!((&idle["run"]["safe"], &idle["reading"]["fresh"]), (&true.into(), &false.into()), "{idle}");
     let metrics = served.ask("GET", "/metrics", ("", "")).expect(200).text();
     assert!(
         metrics.contains("eis_bench_run_points_done{bench=\"demo\"} 9") && metrics.contains("eis_bench_latched{bench=\"demo\"} 0"),
         "{metrics}"
     );
+    assert!(!metrics.contains("eis_bench_cell_voltage_volts{"), "a cell without a run has no reading: {metrics}");
     // What ran is what was submitted, whatever became of the file since.
     let frozen = data(&files, &format!("submitted/{run}/experiments/demo.toml"));
     assert_eq!(frozen, files.text(EXPERIMENT));
@@ -117,6 +120,8 @@ fn a_queue_survives_a_server_that_is_killed() {
     let files = Files::short(2);
     config(&files, "");
     let mut served = Served::start(&files);
+    served.post("/benches/demo/hold", r#"{"reason":"x"}"#).expect(422);
+    assert_eq!(served.post("/benches/demo/hold", "").expect(200).json()["held"]["demo"], "held by hand (local)");
     served.post("/benches/demo/hold", r#"{"why":"not yet"}"#).expect(200);
     let runs: Vec<String> = (0..3).map(|_| submit(&served, DEMO)).collect();
     served.post("/queue/order", r#"{"ids":[3]}"#).expect(200);
@@ -177,7 +182,10 @@ fn a_stop_ends_the_run_reads_every_output_back_and_holds_the_queue() {
     let live = served.points(1);
     let supply = live["instruments"].as_array().unwrap().iter().find(|one| one["role"] == "supply4q").unwrap().clone();
     assert_eq!((&supply["output"], &supply["recognised"]), (&true.into(), &true.into()), "{supply}");
-    assert!(live["reading"]["voltage_v"].is_number() && live["limits"][0]["margin"].as_f64().unwrap() > 0.0, "{live}");
+    assert!(
+        live["reading"]["fresh"] == true && live["reading"]["voltage_v"].is_number() && live["limits"][0]["margin"].as_f64().unwrap() > 0.0,
+        "{live}"
+    );
     let report = served.post("/benches/demo/stop", "").expect(200).json();
     assert_eq!((&report["verified"], &report["over"]), (&true.into(), &true.into()), "{report}");
     let roles: Vec<_> = report["outputs"].as_array().unwrap().iter().map(|output| output["role"].as_str().unwrap()).collect();

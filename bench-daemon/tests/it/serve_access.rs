@@ -15,7 +15,8 @@ use crate::{
 
 const SCOPES: [&str; 4] = ["read", "operate", "energise", "clear-trip"];
 
-/// Every operation of the document: method, path with names filled in, and the scope that it names.
+/// Every operation of the document: method, path with names filled in, and the scope that it names; an empty one
+/// where any token will do, none where none is asked for.
 fn operations(document: &serde_json::Value) -> Vec<(String, String, Option<String>)> {
     let paths = document["paths"].as_object().unwrap();
     let operations =
@@ -28,7 +29,11 @@ fn operations(document: &serde_json::Value) -> Vec<(String, String, Option<Strin
                 .replace("{id}", "77")
                 .replace("{path}", "x")
                 .replace("{experiment}", "none");
-            (method.to_uppercase(), path, operation["security"][0]["token"][0].as_str().map(str::to_owned))
+            (
+                method.to_uppercase(),
+                path,
+                operation["security"].is_array().then(|| operation["security"][0]["token"][0].as_str().unwrap_or_default().to_owned()),
+            )
         })
         .collect()
 }
@@ -43,6 +48,8 @@ fn every_call_wants_its_scope_and_no_other() {
     assert!(all.len() > 30, "{}", all.len());
     // With the first token the door is shut, without a restart.
     let tokens = SCOPES.map(|scope| token(&files, &format!("{scope}-only"), scope));
+    let any: Vec<&str> = all.iter().filter(|(.., scope)| scope.as_deref() == Some("")).map(|(_, path, _)| path.as_str()).collect();
+    assert_eq!(any, ["/api/v1/benches/demo/stop", "/api/v1/whoami"]);
     for (method, path, scope) in &all {
         if path == "/api/v1/events" {
             continue;
@@ -58,7 +65,7 @@ fn every_call_wants_its_scope_and_no_other() {
         for (holds, token) in SCOPES.iter().zip(&tokens) {
             let answer = ask(token);
             let refused = answer.status == 403;
-            assert_eq!(refused, holds != scope, "{method} {path} with {holds}: {}", answer.text());
+            assert_eq!(refused, holds != scope && !scope.is_empty(), "{method} {path} with {holds}: {}", answer.text());
             assert!(answer.status != 401 && answer.status < 500, "{method} {path} with {holds}: {}", answer.text());
             let documented = &document["paths"][path.replace("demo", "{bench}").as_str()];
             assert!(
@@ -71,7 +78,7 @@ fn every_call_wants_its_scope_and_no_other() {
     served.ask("GET", "/api/v1/benches", (&wrong, "")).expect(401);
     assert_eq!(
         served.ask("GET", "/api/v1/whoami", (&tokens[0], "")).json(),
-        serde_json::json!({ "name": "read-only", "scopes": ["read"] })
+        serde_json::json!({ "name": "read-only", "scopes": ["read"], "benches": ["demo"] })
     );
     let audit = data(&files, "audit.jsonl");
     assert!(audit.contains("\"who\":\"operate-only\"") && audit.contains("\"what\":\"POST /api/v1/queue\",\"outcome\":\"403 forbidden\""));
@@ -191,7 +198,10 @@ fn one_peer_cannot_ask_for_ever_and_a_stop_is_heard_all_the_same() {
     let served = Served::start(&files);
     let statuses: Vec<u16> = (0..8).map(|_| served.ask("GET", "/api/v1/queue", ("", "")).status).collect();
     assert_eq!(statuses, [200, 200, 200, 200, 200, 429, 429, 429]);
-    assert_eq!(served.post("/benches/demo/stop", "").expect(200).json()["verified"], true);
+    // Where there is nothing to read back, nothing is said to have been read back.
+    let report = served.post("/benches/demo/stop", "").expect(200).json();
+    assert_eq!((&report["verified"], &report["simulated"]), (&false.into(), &true.into()), "{report}");
+    assert_eq!(report["steps"][1], "nothing of this bench is outside the run's process, and none runs: no output was read back");
 }
 
 #[test]
@@ -238,20 +248,31 @@ fn a_server_beyond_this_machine_wants_tokens_and_a_certificate() {
     roots.add(CertificateDer::from_pem_file(pem.join("certificate.pem")).unwrap()).unwrap();
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let client = rustls::ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions().unwrap();
-    let client = client.with_root_certificates(roots).with_no_client_auth();
-    let mut tls = rustls::ClientConnection::new(Arc::new(client), ServerName::try_from("localhost").unwrap()).unwrap();
-    let mut socket = std::net::TcpStream::connect(format!("127.0.0.1:{port}")).unwrap();
-    let mut stream = rustls::Stream::new(&mut tls, &mut socket);
+    let client = Arc::new(client.with_root_certificates(roots).with_no_client_auth());
     let request =
         format!("GET /api/v1/whoami HTTP/1.1\r\nHost: localhost:{port}\r\nConnection: close\r\nAuthorization: Bearer {secret}\r\n\r\n");
-    stream.write_all(request.as_bytes()).unwrap();
-    let mut bytes = Vec::new();
-    let _ = stream.read_to_end(&mut bytes);
-    assert_eq!(answer(&bytes).expect(200).json()["name"], "ann");
+    let ask = |request: &str| {
+        let mut tls = rustls::ClientConnection::new(client.clone(), ServerName::try_from("localhost").unwrap()).unwrap();
+        let mut socket = std::net::TcpStream::connect(format!("127.0.0.1:{port}")).unwrap();
+        let mut stream = rustls::Stream::new(&mut tls, &mut socket);
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut bytes = Vec::new();
+        let _ = stream.read_to_end(&mut bytes);
+        answer(&bytes)
+    };
+    assert_eq!(ask(&request).expect(200).json()["name"], "ann");
     // Without encryption nothing is said.
     let mut plain = std::net::TcpStream::connect(format!("127.0.0.1:{port}")).unwrap();
     plain.write_all(request.as_bytes()).unwrap();
     let mut bytes = Vec::new();
     let _ = plain.read_to_end(&mut bytes);
     assert!(!String::from_utf8_lossy(&bytes).contains("ann"));
+    // Without its last token it lets nobody in, whether that was revoked or the file is gone.
+    let without = request.replace(&format!("Authorization: Bearer {secret}\r\n"), "");
+    let config = files.path("serve.toml");
+    let said = program(&["token".as_ref(), "revoke".as_ref(), config.as_os_str(), "ann".as_ref()]).expect_code(0).stdout.clone();
+    assert!(said.contains("that was the last token: the server listens beyond this machine (on 0.0.0.0:0) and lets nobody in"), "{said}");
+    (ask(&request).expect(401), ask(&without).expect(401));
+    fs::remove_file(files.path("data/tokens.json")).unwrap();
+    (ask(&request).expect(401), ask(&without).expect(401));
 }

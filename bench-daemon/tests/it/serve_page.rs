@@ -211,6 +211,8 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.pictures("running");
     // The first run comes to its end, the second is stopped.
     browser.wait("#runs", "✓ finished");
+    browser.wait("#reading", "old reading");
+    assert_eq!(browser.script("return document.querySelector('#reading').className"), "figures old");
     browser.pictures("finished");
     browser.click("#submit button[type=submit]");
     browser.wait("#legend", "raw_fake_cell (2 points");
@@ -225,6 +227,11 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.wait("#state", "Idle");
     browser.wait("#held", "stopped by local");
     browser.pictures("stopped");
+    // On a phone what can be done about a run is within the window.
+    browser.size(PHONE);
+    let right = browser.script("return document.querySelector('#runs tr:last-child td:last-child button').getBoundingClientRect().right");
+    assert!(right.as_f64().unwrap() <= f64::from(PHONE.0), "{right}");
+    browser.size(DESKTOP);
     // Two runs over each other.
     browser.click("#runs tr:nth-child(1) input");
     browser.click("#runs tr:nth-child(2) input");
@@ -251,12 +258,22 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     config(&files, "");
     let all = token(&files, "ann", "read,operate,energise,clear-trip");
     let look = token(&files, "bob", "read");
+    let clear = token(&files, "cat", "clear-trip");
     let mut served = Served::start(&files);
     browser.go(&served.url(), DESKTOP);
     browser.wait("#login", "Token");
+    // The button is there before anything else, and says why it cannot.
+    browser.click("#stop");
+    browser.wait("#said", "The stop was refused: log in first");
     browser.pictures("login");
     browser.keys("#token", "eb_wrong\u{e007}");
     browser.wait("#loginsaid", "expected a token of this server");
+    browser.keys("#token", &format!("{clear}\u{e007}"));
+    browser.wait("#link", "this token shows nothing; STOP works");
+    browser.click("#stop");
+    browser.wait("#stopped", "every output is off, read back");
+    browser.click("#leave");
+    browser.wait("#login", "Token");
     browser.keys("#token", &format!("{look}\u{e007}"));
     browser.wait("#state", "Idle");
     assert_eq!(browser.text("#submit"), "", "who may only look is not offered to submit");
@@ -265,6 +282,8 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.wait("#login", "Token");
     browser.keys("#token", &format!("{all}\u{e007}"));
     browser.wait("#state", "Idle");
+    browser.click("#held button");
+    browser.wait("#said", "The queue goes on");
     browser.click("#submit button[type=submit]");
     browser.wait("#trip", "temperature");
     browser.wait("#runs", "✕");

@@ -12,7 +12,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::{
     App,
-    caller::{Clearer, Operator, Reader},
+    caller::{Clearer, Known, Operator, Reader},
     problem::Refusal,
 };
 use crate::{
@@ -37,6 +37,8 @@ pub struct Caller {
     name: String,
     /// What it opens.
     scopes: Vec<Scope>,
+    /// The benches, which whoever has a token may stop.
+    benches: Vec<String>,
 }
 
 /// Confirms that somebody has looked.
@@ -76,10 +78,11 @@ fn state_of(bench: &config::Bench) -> Result<Option<state::State>, Refusal> {
     state::State::of(bench).map_err(|error| Refusal::machine(&error))
 }
 
-/// Who the token belongs to, and what it opens.
-#[utoipa::path(get, path = "/api/v1/whoami", tag = "access", responses((status = 200, body = Caller)), security(("token" = ["read"])))]
-pub async fn whoami(caller: Reader) -> Json<Caller> {
-    Json(Caller { name: caller.name, scopes: caller.scopes })
+/// Who the token belongs to, and what it opens. Every token may ask.
+#[utoipa::path(get, path = "/api/v1/whoami", tag = "access", responses((status = 200, body = Caller)), security(("token" = [])))]
+pub async fn whoami(caller: Known, State(app): State<App>) -> Json<Caller> {
+    let benches = app.server.settings.benches.iter().map(|bench| bench.name.clone()).collect();
+    Json(Caller { name: caller.name, scopes: caller.scopes, benches })
 }
 
 /// All benches as they are now.
@@ -154,8 +157,8 @@ pub struct IdentifiedOne {
 /// Stops whatever runs on a bench and reads every output back. Answers when that is done; events tell how it goes. Every token may stop, and nobody is
 /// told that they ask too often.
 #[utoipa::path(post, path = "/api/v1/benches/{bench}/stop", tag = "benches", params(("bench" = String, Path)),
-    responses((status = 200, body = StopReport)), security(("token" = ["read"])))]
-pub async fn stop(caller: Reader, State(app): State<App>, Path(bench): Path<String>) -> Result<Json<StopReport>, Refusal> {
+    responses((status = 200, body = StopReport)), security(("token" = [])))]
+pub async fn stop(caller: Known, State(app): State<App>, Path(bench): Path<String>) -> Result<Json<StopReport>, Refusal> {
     let config = known(&app, &bench)?.clone();
     // A peer that goes away does not end it.
     let work = tokio::spawn(async move { stop::stop(&app.server, &config, &caller.name).await });

@@ -13,7 +13,7 @@ use crate::serve::token::{Scope, Token, TokenError};
 /// Who asks where no token exists at all: anybody on this machine.
 const LOCAL: &str = "local";
 
-/// Somebody with the scope number `SCOPE` of [`Scope::ALL`].
+/// Somebody with the scope number `SCOPE` of [`Scope::ALL`]; behind the last of them, with any.
 #[derive(Debug, Clone)]
 pub struct With<const SCOPE: usize> {
     /// Their name.
@@ -24,7 +24,9 @@ pub struct With<const SCOPE: usize> {
     pub secret: Option<String>,
 }
 
-/// May look, and stop.
+/// Whoever has a token, whatever it opens.
+pub type Known = With<{ Scope::ALL.len() }>;
+/// May look.
 pub type Reader = With<0>;
 /// May operate.
 pub type Operator = With<1>;
@@ -41,13 +43,12 @@ impl<const SCOPE: usize> FromRequestParts<App> for With<SCOPE> {
     type Rejection = Refusal;
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Refusal> {
-        let scope = Scope::ALL[SCOPE];
         let token = who(parts, app)?;
         if let Some(named) = parts.extensions.get::<Named>() {
             let _ = named.0.set(token.0.name.clone());
         }
         let (Token { name, scopes, .. }, secret) = token;
-        if !scopes.contains(&scope) {
+        if let Some(scope) = Scope::ALL.get(SCOPE).filter(|scope| !scopes.contains(*scope)) {
             let has = scopes.iter().map(|scope| scope.name()).collect::<Vec<_>>().join(", ");
             let message = format!("expected a token with the scope `{}`, found one with: {has}", scope.name());
             return Err(Refusal::of(StatusCode::FORBIDDEN, message));
@@ -56,10 +57,11 @@ impl<const SCOPE: usize> FromRequestParts<App> for With<SCOPE> {
     }
 }
 
-/// The token of a request; everybody's where none was ever made.
+/// The token of a request. Where there is none at all, everybody on this machine may do everything; beyond it nobody may anything, for then the last
+/// token was revoked or its file is gone.
 fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
     let unavailable = |error: TokenError| Refusal::machine(&error);
-    if app.server.tokens.all().map_err(unavailable)?.is_empty() {
+    if app.server.settings.listen.ip().is_loopback() && app.server.tokens.all().map_err(unavailable)?.is_empty() {
         let local = Token { name: LOCAL.to_owned(), scopes: Scope::ALL.to_vec(), sha256: String::new(), made_unix_s: 0 };
         return Ok((local, None));
     }

@@ -57,10 +57,22 @@ fn text(server: &Server) -> String {
     family("latched", "gauge", "The bench is latched after a trip.", rows(&|live| flag(live.trip.is_some())));
     family("stopping", "gauge", "The bench is being stopped.", rows(&|live| flag(live.state == BenchState::Stopping)));
     family("held", "gauge", "Nothing is begun on the bench.", rows(&|live| flag(live.held.is_some())));
-    family("cell_voltage_volts", "gauge", "Last reading.", rows(&|live| live.reading.as_ref()?.voltage_v));
-    family("cell_current_amperes", "gauge", "Last reading; positive for charge.", rows(&|live| live.reading.as_ref()?.current_a));
-    family("cell_temperature_celsius", "gauge", "Last reading.", rows(&|live| live.reading.as_ref()?.temperature_c));
-    family("cell_soc_ratio", "gauge", "State of charge.", rows(&|live| live.soc.map(|soc| soc.share)));
+    // Whoever keeps these as a series must not be given what was read long ago, or of a control, as what the cell is at now.
+    let of_cell = |live: &Live| live.reading.clone().filter(|reading| reading.fresh && reading.fixture == "cell");
+    family("cell_voltage_volts", "gauge", "Last reading of the run in work.", rows(&|live| of_cell(live)?.voltage_v));
+    family(
+        "cell_current_amperes",
+        "gauge",
+        "Last reading of the run in work; positive for charge.",
+        rows(&|live| of_cell(live)?.current_a),
+    );
+    family("cell_temperature_celsius", "gauge", "Last reading of the run in work.", rows(&|live| of_cell(live)?.temperature_c));
+    family(
+        "cell_soc_ratio",
+        "gauge",
+        "State of charge, while a run is in work.",
+        rows(&|live| of_cell(live).and(live.soc).map(|soc| soc.share)),
+    );
     family("run_points_done", "gauge", "Points of the run that are finished.", rows(&|live| Some(live.run.as_ref()?.points_done as f64)));
     family("run_done_ratio", "gauge", "Share of the run that is done.", rows(&|live| Some(live.run.as_ref()?.done)));
     text

@@ -69,8 +69,9 @@ pub struct Order {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Why {
-    /// In words.
-    why: String,
+    /// In words; may be left out.
+    #[serde(default)]
+    why: Option<String>,
 }
 
 /// An experiment that can be submitted.
@@ -229,16 +230,17 @@ pub async fn reorder(_caller: Operator, State(app): State<App>, Json(order): Jso
 }
 
 /// From now on nothing is begun on a bench; what is in work goes on.
-#[utoipa::path(post, path = "/api/v1/benches/{bench}/hold", tag = "queue", params(("bench" = String, Path)), request_body = Why,
+#[utoipa::path(post, path = "/api/v1/benches/{bench}/hold", tag = "queue", params(("bench" = String, Path)), request_body = Option<Why>,
     responses((status = 200, body = QueueNow)), security(("token" = ["operate"])))]
 pub async fn hold(
     caller: Operator,
     State(app): State<App>,
     Path(bench): Path<String>,
-    Json(why): Json<Why>,
+    why: Option<Json<Why>>,
 ) -> Result<Json<QueueNow>, Refusal> {
     known(&app, &bench)?;
-    let why: String = why.why.chars().filter(|c| !c.is_control()).take(200).collect();
+    let why = why.and_then(|why| why.0.why).unwrap_or_else(|| "held by hand".to_owned());
+    let why: String = why.chars().filter(|c| !c.is_control()).take(200).collect();
     app.server.queue().hold(&bench, &format!("{why} ({})", caller.name))?;
     app.server.tell_queue();
     Ok(Json(QueueNow::of(&app.server)))

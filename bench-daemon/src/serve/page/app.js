@@ -35,16 +35,22 @@ async function attempt(work, done) {
 // ---- the stop ------------------------------------------------------------------------------------------------------------------------------------
 
 async function stop() {
-  const bench = known.bench;
   const button = $("stop");
   button.classList.add("pressed");
+  // Who stops before it is known which bench is meant, means all of them.
+  let benches = known.bench ? [known.bench] : null;
   for (let tries = 1; ; tries += 1) {
     text(button, tries === 1 ? "■ STOPPING …" : `■ NOT REACHED, TRY ${tries} …`);
     try {
-      const report = await post(`/benches/${bench}/stop`);
-      stopped(report);
+      benches ||= (await get("/whoami")).benches;
+      known.bench ||= benches[0];
+      (await Promise.all(benches.map((bench) => post(`/benches/${bench}/stop`)))).forEach(stopped);
       break;
     } catch (error) {
+      if (error instanceof Refused && (error.status === 401 || error.status === 403)) {
+        say(`The stop was refused: log in first (${error.message}). Without a token: the emergency switch, or on the machine: eis-bench safe`, true);
+        break;
+      }
       say(`The stop has not reached the server (${error.message}). It is tried again. Use the emergency switch, or on the machine: eis-bench safe`, true);
       if (error instanceof Refused && error.status < 500 && error.status !== 429) break;
       await new Promise((done) => setTimeout(done, 1000));
@@ -61,7 +67,7 @@ function stopped(report) {
 
 let escaped = 0;
 document.addEventListener("keydown", (event) => {
-  if (!$("stopbar") || $("stopbar").hidden || event.repeat) return;
+  if (event.repeat) return;
   const typing = /^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName);
   if (event.key === "Escape") {
     const again = event.timeStamp - escaped < 1500;
@@ -140,7 +146,8 @@ function drawHistory() {
     const acts = [];
     if (job.ended && job.ended.finished) acts.push(el("button", { type: "button", onclick: () => keep(run, "report.html") }, "Report"));
     if (job.ended && !job.ended.finished && may("energise")) acts.push(el("button", { type: "button", onclick: () => attempt(() => post(`/runs/${run}/resume`), () => `${run} waits to go on.`) }, "Go on"));
-    return el("tr", {}, el("td", {}, box), el("th", { scope: "row" }, run), el("td", {}, job.item.bench), el("td", {}, when(job.item.submitted_unix_s)), el("td", {}, job.item.by), el("td", {}, how), el("td", {}, ...acts));
+    return el("tr", {}, el("td", { "data-name": "Compare" }, box), el("th", { scope: "row" }, run), el("td", { "data-name": "Bench" }, job.item.bench),
+      el("td", { "data-name": "Submitted" }, when(job.item.submitted_unix_s)), el("td", { "data-name": "By" }, job.item.by), el("td", {}, how), el("td", {}, ...acts));
   };
   $("runs").replaceChildren(...known.runs.slice(0, 100).map(row));
 }
@@ -252,6 +259,7 @@ async function begin() {
   try {
     const who = await get("/whoami");
     known.scopes = who.scopes;
+    known.bench ||= who.benches.length === 1 ? who.benches[0] : "";
     $("leave").hidden = !server.token;
   } catch (error) {
     if (error instanceof Refused && (error.status === 401 || error.status === 403)) return login(server.token ? error.message : "");
@@ -260,8 +268,11 @@ async function begin() {
     return;
   }
   $("login").hidden = true;
+  if (!may("read")) {
+    text($("link"), "● this token shows nothing; STOP works");
+    return;
+  }
   $("main").hidden = false;
-  $("stopbar").hidden = false;
   listen(heard, link);
 }
 

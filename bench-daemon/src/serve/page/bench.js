@@ -44,16 +44,17 @@ export function drawNow(live) {
   $("state").className = `state ${live.state}`;
   text($("state"), `${sign} ${words}`);
   const reading = live.reading;
-  const going = live.run && live.run.going;
+  const fresh = reading && reading.fresh;
   const soc = live.soc ? `${(100 * live.soc.share).toFixed(1)} %` : "–";
   const control = reading && reading.fixture !== "cell";
   figures($("reading"), [
     [control ? `Voltage (${reading.fixture})` : "Cell voltage", fixed(reading && reading.voltage_v, 4), "V"],
-    ["Current", fixed(reading && reading.current_a, 3), "A", !going ? "" : reading && reading.current_a > 0.05 ? "charge" : reading && reading.current_a < -0.05 ? "discharge" : ""],
+    ["Current", fixed(reading && reading.current_a, 3), "A", !fresh ? "" : reading && reading.current_a > 0.05 ? "charge" : reading && reading.current_a < -0.05 ? "discharge" : ""],
     ["Cell temperature", fixed(reading && reading.temperature_c, 2), "°C"],
-    ["State of charge", soc, "", live.soc && !going ? "" : live.soc ? "from the voltage at rest" : "not known yet"],
-  ], reading && !going ? "last reading" : "");
-  $("limits").replaceChildren(...live.limits.map((limit) => bar(limit, going)));
+    ["State of charge", soc, "", live.soc && !fresh ? "" : live.soc ? "from the voltage at rest" : "not known yet"],
+  ], reading && !fresh ? "old reading" : "");
+  for (const part of ["reading", "limits"]) $(part).classList.toggle("old", Boolean(reading) && !fresh);
+  $("limits").replaceChildren(...live.limits.map(bar));
 }
 
 function figures(list, rows, remark) {
@@ -138,14 +139,14 @@ export function drawStop(report) {
   const banner = $("stopped");
   banner.hidden = !report;
   if (!report) return;
-  const head = !report.over ? "■ Stopping …" : report.verified ? "✓ Stopped: every output is off, read back." : "▲ STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.";
+  const head = !report.over ? "■ Stopping …" : report.simulated ? "✓ Stopped: this bench is simulated within the run's process, and that has ended. There is no output to read back." : report.verified ? "✓ Stopped: every output is off, read back." : "▲ STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.";
   const key = `${report.unix_s} ${report.over} ${report.steps.length}`;
   if (banner.dataset.key === key) return;
   banner.dataset.key = key;
-  banner.className = `banner ${!report.over ? "note" : report.verified ? "fine" : "bad"}`;
+  banner.className = `banner ${!report.over ? "note" : report.verified || report.simulated ? "fine" : "bad"}`;
   banner.replaceChildren(
     el("strong", {}, head), ` By ${report.by}, ${when(report.unix_s)}.`,
-    el("details", { open: report.over && !report.verified }, el("summary", {}, "What was done and read back"), el("ul", {}, ...report.steps.map((step) => el("li", {}, step)), ...report.outputs.map((output) => el("li", { class: output.off ? "" : "bad" }, `${output.off ? "○" : "▲"} ${output.text}`)))),
+    el("details", { open: report.over && !report.verified && !report.simulated }, el("summary", {}, "What was done and read back"), el("ul", {}, ...report.steps.map((step) => el("li", {}, step)), ...report.outputs.map((output) => el("li", { class: output.off ? "" : "bad" }, `${output.off ? "○" : "▲"} ${output.text}`)))),
     ...(report.over ? [el("button", { type: "button", onclick: () => { banner.hidden = true; banner.dataset.gone = String(report.unix_s); } }, "Close this message")] : []),
   );
 }

@@ -47,3 +47,16 @@ fn a_run_that_was_being_begun_when_a_stop_came_is_ended_and_the_stop_goes_on() {
     assert_eq!(begun(Some(5.0), Some(5.0)), (Some(Signal::SIGKILL as i32), None));
     assert_eq!(begun(None, None), (Some(Signal::SIGKILL as i32), None));
 }
+
+#[test]
+fn only_the_last_process_of_a_run_tells_why_it_ended() {
+    let first = "eis-bench: the sweep fails\n";
+    for (log, word) in [
+        (first.to_owned(), Some("the sweep fails")),
+        (format!("{first}{RESUMED}\n"), None),
+        (format!("{first}{RESUMED}\npoint 1\n"), None),
+        (format!("{first}{RESUMED}\neis-bench: the load is silent\nbye\n"), Some("the load is silent")),
+    ] {
+        assert_eq!(last_word(&log).as_deref(), word, "{log}");
+    }
+}
