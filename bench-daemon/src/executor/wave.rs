@@ -128,7 +128,11 @@ impl Executor<'_> {
             let means: Vec<(f64, usize)> = sums.iter().filter_map(|sums| sums.mean(from_s, to_s)).collect();
             let [first, second, third, fourth] = means.as_slice() else {
                 if (still..own).contains(&chunk.from) {
-                    return Err(disobeyed(&trace.name, &format!("a record from {from_s:.3} s to {to_s:.3} s"), "one that does not hold it"));
+                    return Err(disobeyed(
+                        &trace.name,
+                        &format!("a record from {from_s:.3} s to {to_s:.3} s"),
+                        "one that does not hold it",
+                    ));
                 }
                 continue;
             };
