@@ -83,7 +83,7 @@ fn best(record: &Sums, stair: &Stair<'_>, (from_s, to_s): (f64, f64), by_s: f64)
 }
 
 /// Rows of a stair: one per step, and while a current stays the same, each longer than the one before by `growth` of the time since it began, up to
-/// `longest` steps.
+/// `longest` steps. The last before a change is one step alone, so that the change lies between two rows that are a step apart.
 pub fn chunks(values: &[f64], growth: f64, longest: usize) -> Vec<Chunk> {
     let mut chunks = Vec::new();
     let mut start = 0;
@@ -92,7 +92,7 @@ pub fn chunks(values: &[f64], growth: f64, longest: usize) -> Vec<Chunk> {
         let mut from = start;
         while from < end {
             let length = ((growth * (from - start) as f64) as usize).clamp(1, longest.max(1));
-            let to = (from + length).min(end);
+            let to = if from + length >= end { (end - 1).max(from + 1) } else { from + length };
             chunks.push(Chunk { from, to });
             from = to;
         }
@@ -160,6 +160,6 @@ mod tests {
     fn rows_grow_while_the_current_stays_and_begin_anew_with_a_step() {
         let values = [vec![0.0; 10], vec![1.0], vec![2.0; 7]].concat();
         let lengths: Vec<usize> = chunks(&values, 1.0, 4).iter().map(|chunk| chunk.to - chunk.from).collect();
-        assert_eq!(lengths, [1, 1, 2, 4, 2, 1, 1, 1, 2, 3]);
+        assert_eq!(lengths, [1, 1, 2, 4, 1, 1, 1, 1, 1, 2, 2, 1]);
     }
 }

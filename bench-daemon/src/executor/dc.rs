@@ -23,7 +23,7 @@ const SLOPE_SPAN_S: f64 = 120.0;
 /// The cell must stay within its band for this long, s.
 const STEADY_S: f64 = 60.0;
 /// Readings after which a current must have come up.
-const RISE_POLLS: u32 = 3;
+pub(super) const RISE_POLLS: u32 = 3;
 
 /// The end of a charge is moved by this much at most, V.
 const GREATEST_SHIFT_V: f64 = 0.1;

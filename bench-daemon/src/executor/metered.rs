@@ -10,7 +10,7 @@ use instruments::{
 
 use super::{
     ExecuteError, Executor, POLL_S,
-    dc::follows,
+    dc::{RISE_POLLS, follows},
     require,
     trace::{Recorded, Zero},
 };
@@ -67,7 +67,7 @@ impl Executor<'_> {
             self.flow(&mut work, *level).await?;
             self.metered_row(&mut work).await?;
         }
-        let end_s = self.clock.now_s() - work.origin_s + POLL_S;
+        let end_s = trace.end_s.max(self.clock.now_s() - work.origin_s + POLL_S);
         self.read_until(&mut work, end_s).await?;
         self.metered_row(&mut work).await?;
         let Work { origin_s, recorded, .. } = work;
@@ -169,6 +169,8 @@ impl Executor<'_> {
             self.metered_row(work).await?;
         }
         self.clock.sleep_s((until_s - READING_S - self.clock.now_s()).max(0.0)).await;
+        // However short the step was, it is judged once.
+        work.polls = work.polls.max(RISE_POLLS - 1);
         self.metered_row(work).await?;
         self.clock.sleep_s((until_s - self.clock.now_s()).max(0.0)).await;
         Ok(())
@@ -192,6 +194,7 @@ impl Executor<'_> {
         let shown_a = if work.flowing == Flowing::Nothing { -drawn_a } else { current_a };
         self.judge("trace", Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(shown_a), temperature_c })?;
         work.polls += 1;
+        self.nothing_else(work, drawn_a).await?;
         match work.flowing {
             Flowing::Nothing => {}
             Flowing::Load { .. } => {
@@ -208,6 +211,22 @@ impl Executor<'_> {
         let voltage_v = volts - work.trace.lead_ohm * current_a;
         let (time_s, temperature_c) = (0.5 * (began_s + now_s) - work.origin_s, self.last_c.unwrap_or(f64::NAN));
         work.recorded.rows.push(TraceRow { time_s, current_a, voltage_v, temperature_c, samples: ONE });
+        Ok(())
+    }
+
+    /// What is switched off must carry nothing: judged from the second reading after a step on, for the first may still see what was before.
+    async fn nothing_else(&mut self, work: &Work<'_>, drawn_a: f64) -> Result<(), ExecuteError> {
+        if work.polls < 2 {
+            return Ok(());
+        }
+        if !matches!(work.flowing, Flowing::Load { .. }) {
+            self.no_current("current of the load", drawn_a)?;
+        }
+        let error = self.bench.error("supply");
+        if let Some(supply) = self.bench.supply.as_mut().filter(|_| work.flowing != Flowing::Supply) {
+            let (_, fed) = supply.measure().await.map_err(error)?;
+            self.no_current("current of the charger", fed.value())?;
+        }
         Ok(())
     }
 }

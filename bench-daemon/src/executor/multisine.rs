@@ -40,7 +40,7 @@ impl Executor<'_> {
         if self.verticals[0].is_none() {
             self.first_ranges(Fixture::Cell, band.peak_a, &scope).await?;
         }
-        self.wait_watching(band.settle_s, Fixture::Cell).await?;
+        self.wait_watching(band.settle_s, ("sine", Fixture::Cell)).await?;
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
             let waveforms = self.roll(band, taken + attempt).await?;
@@ -60,13 +60,8 @@ impl Executor<'_> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
-        let wave = Wave {
-            name: format!("eis{}", band.number),
-            steps: band.design.samples(band.steps),
-            freq: Hertz(band.base_hz),
-            amplitude: Volts(band.peak_a * volts_per_amp * wiring.command_trim),
-            offset: Volts(wiring.command_offset_v),
-        };
+        let volts = (Volts(band.peak_a * volts_per_amp * wiring.command_trim), Volts(wiring.command_offset_v));
+        let wave = Wave::named("eis", band.design.samples(band.steps), Hertz(band.base_hz), volts);
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.generator, "generator")?;
         // A wave is loaded while the least sine plays, never under a current.
@@ -89,7 +84,7 @@ impl Executor<'_> {
             scope.set(&intent).await.map_err(&error)?;
         }
         self.memory_points = Some(memory_points);
-        self.wait_watching(band.span_s + FILL_S, Fixture::Cell).await?;
+        self.wait_watching(band.span_s + FILL_S, ("sine", Fixture::Cell)).await?;
         let end_s = self.clock.now_s();
         require(&mut self.bench.scope, "scope")?.stop().await.map_err(&error)?;
         let mut waveforms = Vec::with_capacity(4);

@@ -192,7 +192,7 @@ impl Executor<'_> {
             self.announce()?;
             self.watch_until(self.ripe_s((freq_hz, wait_s), driven_s, screen_s), fixture).await?;
         } else {
-            self.wait_watching(wait_s, fixture).await?;
+            self.wait_watching(wait_s, ("sine", fixture)).await?;
         }
         let scope = require(&mut self.bench.scope, "scope")?;
         scope.stop().await.map_err(&error)?;

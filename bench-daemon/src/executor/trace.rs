@@ -262,6 +262,9 @@ impl Executor<'_> {
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
             waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, frame.record_points).await.map_err(&error)?);
+            if self.clock.now_s() - self.watched_s >= POLL_S {
+                self.watch("trace", Fixture::Cell).await?;
+            }
         }
         let fail = |reason: String| ExecuteError::Frame { trace: trace.name.clone(), frame: name.to_owned(), reason };
         let waveforms: [Waveform; 4] = waveforms.try_into().map_err(|_| fail("not four channels".to_owned()))?;

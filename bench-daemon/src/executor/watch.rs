@@ -76,8 +76,8 @@ impl Executor<'_> {
         }
     }
 
-    /// Waits, reading and judging the bipolar supply all the while.
-    pub(super) async fn wait_watching(&mut self, seconds: f64, fixture: Fixture) -> Result<(), ExecuteError> {
+    /// Waits, reading and judging the bipolar supply all the while; `phase` stands with the readings.
+    pub(super) async fn wait_watching(&mut self, seconds: f64, (phase, fixture): (&str, Fixture)) -> Result<(), ExecuteError> {
         let end_s = self.clock.now_s() + seconds;
         loop {
             let left_s = end_s - self.clock.now_s();
@@ -85,7 +85,7 @@ impl Executor<'_> {
                 return Ok(());
             }
             self.clock.sleep_s(left_s.min(POLL_S)).await;
-            self.watch("sine", fixture).await?;
+            self.watch(phase, fixture).await?;
         }
     }
 
@@ -121,7 +121,7 @@ impl Executor<'_> {
     }
 
     /// Trips where a current flows through an instrument that is off.
-    fn no_current(&self, what: &'static str, value: f64) -> Result<(), ExecuteError> {
+    pub(super) fn no_current(&self, what: &'static str, value: f64) -> Result<(), ExecuteError> {
         if value.abs() <= NO_CURRENT_A {
             return Ok(());
         }

@@ -15,7 +15,7 @@ use instruments::{
 };
 
 use super::{
-    ExecuteError, Executor, require,
+    ExecuteError, Executor, POLL_S, require,
     trace::{Recorded, SETTLE_S, Zero, disobeyed, obeys},
 };
 use crate::{
@@ -36,9 +36,6 @@ const SETTLE: f64 = 0.3;
 const TAIL: f64 = 0.8;
 /// Each half of a wave must hold this share of its squares for the clocks to be compared.
 const SHARE: f64 = 0.1;
-/// The name of the wave in the generator.
-const NAME: &str = "trace";
-
 /// Where a wave lies in its record.
 struct Place {
     /// Its beginning, s.
@@ -54,18 +51,21 @@ impl Executor<'_> {
         (step_s, steps): (f64, usize),
     ) -> Result<(), ExecuteError> {
         let Some(frame) = trace.frames.first().copied() else { return Err(disobeyed(&trace.name, "a frame", "none")) };
-        let end_s = trace.levels.last().map_or(0.0, |level| level.at_s);
+        let over_s = trace.end_s + AFTER_WAVE_S;
         let currents = currents(trace, (step_s, zero.ocv_v));
         self.arm(&frame).await?;
         // What the screen holds more than the wave passes before it.
-        self.wait_watching((frame.span_s - end_s - AFTER_WAVE_S).max(0.0) + FILL_S, Fixture::Cell).await?;
+        self.wait_watching((frame.span_s - over_s).max(0.0) + FILL_S, ("trace", Fixture::Cell)).await?;
         let step_s = self.play_trace(&currents, (step_s, steps)).await?;
         let began_s = self.clock.now_s();
-        self.wait_watching(end_s + AFTER_WAVE_S, Fixture::Cell).await?;
+        // No reading in the last second: nothing may delay what ends the wave.
+        self.wait_watching((over_s - POLL_S).max(0.0), ("trace", Fixture::Cell)).await?;
+        self.clock.sleep_s((began_s + over_s - self.clock.now_s()).max(0.0)).await;
         let frozen_s = self.freeze().await?;
         let offset = Volts(self.experiment.bench.wiring.command_offset_v);
         let error = self.bench.error("generator");
         require(&mut self.bench.generator, "generator")?.quiet(offset).await.map_err(error)?;
+        once(&trace.name, self.clock.now_s() - began_s, step_s * steps as f64)?;
         let (capture, start_s) = self.download((&frame, frozen_s), (trace, "wave")).await?;
         let place = place(&self.shunt_current(&capture, &zero), &Stair { values: &currents, step_s }, began_s - start_s);
         let recorded = self.rows_of_wave((trace, &zero), (&capture, &currents), &place)?;
@@ -88,7 +88,7 @@ impl Executor<'_> {
         let mut shape: Vec<f64> = currents.iter().map(|amps| amps / peak_a).collect();
         shape.resize(steps, 0.0);
         generator.quiet(offset).await.map_err(&error)?;
-        generator.wave(&Wave { name: NAME.to_owned(), steps: shape, freq: Hertz(freq_hz), amplitude, offset }).await.map_err(&error)?;
+        generator.wave(&Wave::named("run", shape, Hertz(freq_hz), (amplitude, offset))).await.map_err(&error)?;
         Ok(1.0 / (freq_hz * steps as f64))
     }
 
@@ -115,7 +115,10 @@ impl Executor<'_> {
             })
             .collect();
         let mut values = currents.to_vec();
-        values.resize(values.len() + (TAIL * AFTER_WAVE_S / place.step_s) as usize, 0.0);
+        // The rest behind the last step is the trace's own.
+        let own = values.len().max(((trace.end_s / place.step_s).round()) as usize);
+        values.resize(own + (TAIL * AFTER_WAVE_S / place.step_s) as usize, 0.0);
+        let still = values.iter().take_while(|amps| **amps == 0.0).count();
         let (_, growth, longest_s) = trace.thinning;
         let settle_s = SETTLE_S.min(SETTLE * place.step_s);
         let mut recorded = Recorded { frames: 1, squares: self.scatter_before(capture, (place, currents)), ..Recorded::default() };
@@ -123,7 +126,16 @@ impl Executor<'_> {
             let from_s = place.begin_s + chunk.from as f64 * place.step_s + settle_s;
             let to_s = place.begin_s + chunk.to as f64 * place.step_s - GUARD * place.step_s;
             let means: Vec<(f64, usize)> = sums.iter().filter_map(|sums| sums.mean(from_s, to_s)).collect();
-            let [first, second, third, fourth] = means.as_slice() else { continue };
+            let [first, second, third, fourth] = means.as_slice() else {
+                if (still..own).contains(&chunk.from) {
+                    return Err(disobeyed(
+                        &trace.name,
+                        &format!("a record from {from_s:.3} s to {to_s:.3} s"),
+                        "one that does not hold it",
+                    ));
+                }
+                continue;
+            };
             let (current_a, change_v) = self.correction.direct([first.0, second.0, third.0, fourth.0]);
             let time_s = 0.5 * (from_s + to_s) - place.begin_s;
             let voltage_v = zero.ocv_v + change_v;
@@ -135,9 +147,8 @@ impl Executor<'_> {
             let temperature_c = self.last_c.unwrap_or(f64::NAN);
             recorded.rows.push(TraceRow { time_s, current_a, voltage_v, temperature_c, samples: first.1 as f64 });
         }
-        let flows = |(_, amps): &(usize, &f64)| **amps != 0.0;
-        let ends = [currents.iter().enumerate().find(flows), currents.iter().enumerate().rev().find(flows)];
-        recorded.steps_s = ends.iter().flatten().enumerate().map(|(k, (index, _))| (index + k) as f64 * place.step_s).collect();
+        let changes = values.windows(2).enumerate().filter(|(_, pair)| pair[0] != pair[1]);
+        recorded.steps_s = changes.map(|(index, _)| (index + 1) as f64 * place.step_s).collect();
         Ok(recorded)
     }
 
@@ -178,7 +189,15 @@ impl Executor<'_> {
     }
 }
 
-/// The current of each step up to the end, A, of a power at a voltage.
+/// A wave that was taken away this long after its last message must not have begun again.
+fn once(trace: &str, passed_s: f64, period_s: f64) -> Result<(), ExecuteError> {
+    if passed_s <= period_s - REACH_S {
+        return Ok(());
+    }
+    Err(disobeyed(trace, &format!("the wave taken away within {:.3} s", period_s - REACH_S), &format!("{passed_s:.3} s: it began again")))
+}
+
+/// The current of each step up to the last change, A, of a power at a voltage.
 fn currents(trace: &TracePlan, (step_s, volts): (f64, f64)) -> Vec<f64> {
     let place = |at_s: f64| (at_s / step_s).round() as usize;
     let mut currents = vec![0.0; trace.levels.first().map_or(0, |level| place(level.at_s))];
@@ -214,4 +233,16 @@ fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
         return whole;
     }
     Place { begin_s: first_s, step_s }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wave_that_began_again_is_an_error() {
+        assert!(once("t", 7.5, 8.0).is_ok());
+        let message = once("t", 7.6, 8.0).unwrap_err().to_string();
+        assert_eq!(message, "trace t: expected the wave taken away within 7.550 s, measured 7.600 s: it began again");
+    }
 }

@@ -74,6 +74,8 @@ pub struct TracePlan {
     pub rest_s: f64,
     /// Steps of the current, by time; the last is to zero.
     pub levels: Vec<Level>,
+    /// End of the rest behind the last step, s.
+    pub end_s: f64,
     /// Frames, by time, apart from each other; every step lies within one.
     pub frames: Vec<Frame>,
     /// Open-circuit voltages at which it may begin, V.
@@ -124,10 +126,9 @@ const GREATEST_SWING: f64 = 0.5;
 pub const LONGEST_FRAME_S: f64 = 200.0;
 
 impl TracePlan {
-    /// Time between the first frame and the end of the last, or of the current, s.
+    /// Time between the first frame and the end of the last, or of the rest, s.
     pub fn length_s(&self) -> f64 {
-        let end_s = self.levels.last().map_or(0.0, |level| level.at_s);
-        self.frames.iter().map(|frame| frame.start_s + frame.span_s).fold(end_s, f64::max)
+        self.frames.iter().map(|frame| frame.start_s + frame.span_s).fold(self.end_s, f64::max)
     }
 
     /// It needs the bipolar supply.
@@ -218,6 +219,7 @@ pub(crate) fn test_trace() -> TracePlan {
         lead_ohm: 0.0,
         rest_s: 0.0,
         levels: vec![Level { at_s: 0.5, current_a: -1.0, power_w: None }, Level { at_s: 5.5, current_a: 0.0, power_w: None }],
+        end_s: 5.5,
         frames: Vec::new(),
         start_v: (3.6, 3.8),
         resistance_max_ohm: 0.03,

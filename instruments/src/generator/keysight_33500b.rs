@@ -137,7 +137,14 @@ impl Dialect for Keysight {
     }
 
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
-        let mut script = self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset });
+        let source = format!("SOUR{channel}");
+        let least_v = 2.0 * MIN_AMPLITUDE.value();
+        // The amplitude before the function: else a sine would have that of the wave before it.
+        let mut script = vec![
+            Exchange::word(format!("{source}:VOLT:UNIT VPP"), format!("{source}:VOLT:UNIT?"), &["VPP"]),
+            number(format!("{source}:VOLT {least_v:.4}"), &format!("{source}:VOLT"), least_v, AMPLITUDE_STEP_V),
+        ];
+        script.extend(self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset }));
         let modifiers = ["BURS", "SWE", "AM", "FM"];
         script.extend(modifiers.map(|modifier| Exchange::switch(&format!("SOUR{channel}:{modifier}:STAT"), false)));
         script

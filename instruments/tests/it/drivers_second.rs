@@ -337,8 +337,19 @@ fn a_wave_is_sent_as_text_played_at_its_rate_and_never_with_a_sines_amplitude() 
             states.iter().all(|state| state.freq_hz < 1.0 || state.amplitude_v < 0.0011),
             "a sine with the wave's amplitude: {states:?}"
         );
+        let before = rig.actions().len();
         generator.quiet(Volts(-0.28)).await.unwrap();
         assert!(rig.shape().is_none());
+        let states: Vec<GeneratorState> = rig.actions()[before..].iter().map(state).collect();
+        // Still the wave, or the least sine: nothing in between.
+        assert!(
+            states.iter().all(|state| state.freq_hz < 1.0 || state.amplitude_v < 0.0011),
+            "a sine with the wave's amplitude: {states:?}"
+        );
+        let sent = rig.sent();
+        let at = |text: &str| sent.iter().rposition(|message| message == text).unwrap();
+        let first = sent.iter().enumerate().skip(at("SOUR1:FUNC ARB")).find(|(_, message)| *message == "SOUR1:VOLT 0.0020").unwrap();
+        assert!(first.0 < at("SOUR1:FUNC SIN"), "{sent:?}");
         let short = Wave { steps: vec![0.0; 4], ..wave };
         let refused = generator.wave(&short).await.unwrap_err().to_string();
         assert!(refused.contains("expected 8 to 65536 finite steps, found 4"), "{refused}");
