@@ -112,7 +112,11 @@ impl Dialect for Keysight {
             data.push_str(&format!(",{}", (step.clamp(-1.0, 1.0) * WAVE_FULL_SCALE).round() as i16));
         }
         let tolerance_v = 1.0e-3 * peak_to_peak_v.abs() + AMPLITUDE_STEP_V;
+        let [unit, least] = still(&source);
         vec![
+            // What plays at present may be cleared, and leaves a sine of its amplitude.
+            unit,
+            least,
             // A name that is there already is refused.
             Exchange::send(format!("{source}:DATA:VOL:CLE")),
             Exchange::send(data),
@@ -138,15 +142,20 @@ impl Dialect for Keysight {
 
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
         let source = format!("SOUR{channel}");
-        let least_v = 2.0 * MIN_AMPLITUDE.value();
         // The amplitude before the function: else a sine would have that of the wave before it.
-        let mut script = vec![
-            Exchange::word(format!("{source}:VOLT:UNIT VPP"), format!("{source}:VOLT:UNIT?"), &["VPP"]),
-            number(format!("{source}:VOLT {least_v:.4}"), &format!("{source}:VOLT"), least_v, AMPLITUDE_STEP_V),
-        ];
+        let mut script = still(&source).to_vec();
         script.extend(self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset }));
         let modifiers = ["BURS", "SWE", "AM", "FM"];
         script.extend(modifiers.map(|modifier| Exchange::switch(&format!("SOUR{channel}:{modifier}:STAT"), false)));
         script
     }
+}
+
+/// The least amplitude, whatever plays.
+fn still(source: &str) -> [Exchange; 2] {
+    let least_v = 2.0 * MIN_AMPLITUDE.value();
+    [
+        Exchange::word(format!("{source}:VOLT:UNIT VPP"), format!("{source}:VOLT:UNIT?"), &["VPP"]),
+        number(format!("{source}:VOLT {least_v:.4}"), &format!("{source}:VOLT"), least_v, AMPLITUDE_STEP_V),
+    ]
 }
