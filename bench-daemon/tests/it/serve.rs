@@ -122,6 +122,7 @@ fn a_queue_survives_a_server_that_is_killed() {
     let mut served = Served::start(&files);
     served.post("/benches/demo/hold", r#"{"reason":"x"}"#).expect(422);
     assert_eq!(served.post("/benches/demo/hold", "").expect(200).json()["held"]["demo"], "held by hand (local)");
+    served.post("/benches/demo/release", "").expect(200);
     served.post("/benches/demo/hold", r#"{"why":"not yet"}"#).expect(200);
     let runs: Vec<String> = (0..3).map(|_| submit(&served, DEMO)).collect();
     served.post("/queue/order", r#"{"ids":[3]}"#).expect(200);
