@@ -214,7 +214,7 @@ fn tidy(out: &Path) -> Result<(), Failure> {
     for entry in fs::read_dir(out)? {
         let entry = entry?;
         let name = entry.file_name().to_string_lossy().into_owned();
-        let served = [JOURNAL, "events.csv", "readings.csv", "transcripts"].contains(&name.as_str());
+        let served = [JOURNAL, "manifest.json", "events.csv", "readings.csv", "transcripts"].contains(&name.as_str());
         if entry.file_type()?.is_symlink() || (served && entry.path().is_file()) {
             fs::remove_file(entry.path())?;
         } else if served {

@@ -20,7 +20,8 @@ use crate::{
 };
 
 /// What is kept in a folder only as it was read: no capture tells it anew.
-const AS_READ: [&str; 7] = ["journal.jsonl", "events.csv", "readings.csv", "traces.json", "captures", "transcripts", "log.txt"];
+const AS_READ: [&str; 8] =
+    ["journal.jsonl", "manifest.json", "events.csv", "readings.csv", "traces.json", "captures", "transcripts", "log.txt"];
 
 /// Arguments of `verify`.
 #[derive(Debug, Args)]

@@ -79,3 +79,20 @@ fn the_catalogue_is_printed() {
     let cards: serde_json::Value = serde_json::from_slice(&json).unwrap();
     assert_eq!(cards["effects"].as_array().unwrap().len(), analysis::effects::catalogue().len());
 }
+
+#[test]
+fn the_curve_of_a_run_folder_is_that_of_its_cell() {
+    let files = crate::support::Files::short(5);
+    files.run("run").expect_code(0);
+    let (run, out) = (files.path("run"), files.path("out"));
+    let model = run.join("model_1rc.json");
+    let output = eis_bench(&[Path::new("diagnose"), &run, Path::new("--model"), &model, Path::new("--out"), &out]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(files.text("out/diagnosis.html").contains("eis-bench diagnose "));
+    let page = files.text("run/report.html");
+    for text in
+        ["none: the bench ran in virtual time", "cell at rest before its records", " --seed 1", "config/experiments_demo.toml, SHA-256 "]
+    {
+        assert!(page.contains(text), "{text}");
+    }
+}

@@ -269,7 +269,7 @@ impl Recorded {
                 symlink(entry.path(), out.join(&name))?;
             }
         }
-        for name in ["traces.json", "readings.csv"] {
+        for name in ["traces.json", "readings.csv", "manifest.json"] {
             if own.join(name).exists() {
                 fs::copy(own.join(name), out.join(name))?;
             }

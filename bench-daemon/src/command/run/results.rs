@@ -2,6 +2,7 @@
 
 mod beside;
 mod campaign;
+mod condition;
 mod ocv;
 mod ranges;
 mod records;

@@ -12,7 +12,7 @@ use num_complex::Complex64;
 use super::{
     beside::{Shown, draw},
     campaign::Told,
-    records,
+    condition, records,
     validity::{self, Judged},
 };
 use crate::{
@@ -99,7 +99,8 @@ fn page(
     let title = format!("{}: {} on bench {}", experiment.name, experiment.cell.name, experiment.bench.name);
     let copies = manifest::copies(experiment)?;
     let files = copies.iter().zip(&experiment.sources).map(|(file, source)| (file.copy.clone(), source.text().to_owned())).collect();
-    let report = Report { title, verdicts, figures, tables, provenance: provenance(experiment, &copies), files, ..Report::default() };
+    let report =
+        Report { title, verdicts, figures, tables, provenance: provenance(recorder, experiment, &copies)?, files, ..Report::default() };
     let html = report.to_html().map_err(|error| Failure::Analysis(error.to_string()))?;
     Ok(recorder.text("report.html", &html)?)
 }
@@ -323,7 +324,7 @@ fn harness_table(measured: &Measured) -> Table {
     }
 }
 
-fn provenance(experiment: &Experiment, copies: &[ConfigCopy]) -> Vec<(String, String)> {
+fn provenance(recorder: &Recorder, experiment: &Experiment, copies: &[ConfigCopy]) -> Result<Vec<(String, String)>, Failure> {
     let mut rows = vec![
         ("program".to_owned(), format!("eis-bench {}", env!("CARGO_PKG_VERSION"))),
         ("seed".to_owned(), experiment.seed.to_string()),
@@ -337,6 +338,7 @@ fn provenance(experiment: &Experiment, copies: &[ConfigCopy]) -> Vec<(String, St
             },
         ),
     ];
+    rows.extend(condition::rows(recorder, experiment)?);
     rows.extend(copies.iter().map(|file| ("file".to_owned(), format!("{}, SHA-256 {}", file.copy, file.sha256))));
     rows.push(("instruments".to_owned(), "manifest.json beside this page".to_owned()));
     rows.push(("all files' hashes".to_owned(), format!("{SUMS} beside this page; `eis-bench verify` holds the folder against them")));
@@ -346,7 +348,7 @@ fn provenance(experiment: &Experiment, copies: &[ConfigCopy]) -> Vec<(String, St
         rows.push(("to repeat it".to_owned(), text));
     }
     rows.push(("from the captures".to_owned(), "eis-bench replay of the run folder".to_owned()));
-    rows
+    Ok(rows)
 }
 
 #[cfg(test)]
