@@ -4,6 +4,7 @@
 //! |---|---|---|
 //! | the bench's own, CSV or Parquet | `time_s,voltage_v,current_a`, perhaps `temperature_c` | charge positive |
 //! | BDF, CSV or Parquet | `Test Time / s`, `Voltage / V`, `Current / A`, perhaps `Surface Temperature T1 / degC` | charge positive (BDF fixes none; cyclers use it) |
+//! | the same for machines | `test_time_second`, `voltage_volt`, `current_ampere`, perhaps `temperature_t1_celsius` | charge positive |
 //! | Arbin's CSV | `Test_Time(s)`, `Voltage(V)`, `Current(A)`, perhaps `Aux_Temperature_1(C)` | charge positive |
 //! | the thesis' cycler, CSV | `Time,Voltage,Current`, perhaps `Temperature` | magnitudes: discharge when the file name has `discharge` in it, charge when it has `charge` |
 //!
@@ -122,9 +123,11 @@ struct Known {
     sign: Option<CurrentSign>,
 }
 
-const KNOWN: [Known; 4] = [
+const KNOWN: [Known; 5] = [
     Known { names: ["time_s", "voltage_v", "current_a", "temperature_c"], sign: Some(CurrentSign::Charge) },
     Known { names: ["Test Time / s", "Voltage / V", "Current / A", "Surface Temperature T1 / degC"], sign: Some(CurrentSign::Charge) },
+    // The names of the same columns for machines.
+    Known { names: ["test_time_second", "voltage_volt", "current_ampere", "temperature_t1_celsius"], sign: Some(CurrentSign::Charge) },
     Known { names: ["Test_Time(s)", "Voltage(V)", "Current(A)", "Aux_Temperature_1(C)"], sign: Some(CurrentSign::Charge) },
     Known { names: ["Time", "Voltage", "Current", "Temperature"], sign: None },
 ];
