@@ -3,7 +3,7 @@
 use std::{
     fs,
     io::{Read, Write},
-    net::{Shutdown, TcpListener, TcpStream},
+    net::{Shutdown, TcpStream},
     path::PathBuf,
     sync::{
         Arc,
@@ -242,12 +242,7 @@ struct Cable {
 
 impl Cable {
     fn plug_in(files: &Files, role: &str) -> Self {
-        let (bench, _) = bench_daemon::config::load_bench(&files.path(BENCH)).unwrap();
-        let addressed = bench.instruments.addressed();
-        let address = addressed.iter().find(|(name, _)| *name == role).unwrap().1.address.to_string();
-        let instrument = address.strip_prefix("tcp://").unwrap().to_owned();
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        files.write(BENCH, &files.text(BENCH).replace(&instrument, &listener.local_addr().unwrap().to_string()));
+        let (instrument, listener) = files.stand_before(role);
         let cut = Arc::new(AtomicBool::new(false));
         let shared = cut.clone();
         std::thread::spawn(move || {

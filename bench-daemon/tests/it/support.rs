@@ -4,7 +4,7 @@
 use std::{
     fs,
     io::{BufRead, BufReader, Read, Write},
-    net::TcpStream,
+    net::{TcpListener, TcpStream},
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::{Arc, Mutex, mpsc},
@@ -67,6 +67,17 @@ impl Files {
 
     pub(crate) fn text(&self, name: &str) -> String {
         fs::read_to_string(self.path(name)).unwrap()
+    }
+
+    /// Puts a listener before an instrument on a TCP port: its address from now on; and where the instrument is.
+    pub(crate) fn stand_before(&self, role: &str) -> (String, TcpListener) {
+        let (bench, _) = load_bench(&self.path(BENCH)).unwrap();
+        let addressed = bench.instruments.addressed();
+        let address = addressed.iter().find(|(name, _)| *name == role).unwrap().1.address.to_string();
+        let instrument = address.strip_prefix("tcp://").unwrap().to_owned();
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        self.write(BENCH, &self.text(BENCH).replace(&instrument, &listener.local_addr().unwrap().to_string()));
+        (instrument, listener)
     }
 
     pub(crate) fn write(&self, name: &str, text: &str) {
