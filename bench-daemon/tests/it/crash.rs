@@ -4,6 +4,7 @@
 use std::{
     collections::BTreeMap,
     fs,
+    io::Write,
     path::{Path, PathBuf},
     sync::{
         Mutex,
@@ -92,10 +93,11 @@ fn chosen((exchanges, writes): (usize, usize)) -> Vec<String> {
     let share: usize = asked.parse().unwrap_or(SHARE);
     let spread = |kind: &str, points: usize, share: usize| {
         let width = points / share;
-        let at = |index: usize| 1 + index * width + (index.wrapping_mul(7919) + 13) % width;
+        let at = |index: usize| 1 + index * points / share + (index.wrapping_mul(7919) + 13) % width;
         (0..share).map(|index| format!("{kind}:{}", at(index))).collect::<Vec<_>>()
     };
-    [spread("exchange", exchanges, share - share / JOURNAL), spread("journal", writes, share / JOURNAL)].concat()
+    let journal = (share / JOURNAL).min(writes);
+    [spread("exchange", exchanges, (share - journal).min(exchanges)), spread("journal", writes, journal)].concat()
 }
 
 /// Whole lines of the tables of a run.
@@ -269,13 +271,19 @@ fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     kills.extend([format!("journal:{}", 2 * pulse), format!("journal:{}", 2 * pulse + 1)]);
     // Real and imaginary part of every point of every run.
     let agrees = bound(2 * reference.len() * kills.len());
+    // Beside the test's binary as it grows: a drill of hours tells what it has seen when it is ended, too.
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("kills.txt");
+    let head = format!("bound {agrees:.2} σ; {} of {} exchanges and {} ends of writes to the journal", kills.len(), all.0, all.1);
+    fs::write(&path, format!("{head}\n")).unwrap();
     let (next, table) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
     std::thread::scope(|scope| {
         for _ in 0..AT_ONCE {
             scope.spawn(|| {
                 while let Some((index, drill)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|at| Some((at, kills.get(at)?))) {
                     let row = crash((index, drill), (&reference, agrees));
-                    table.lock().unwrap().insert(index, row);
+                    let mut table = table.lock().unwrap();
+                    writeln!(fs::OpenOptions::new().append(true).open(&path).unwrap(), "{row}").unwrap();
+                    table.insert(index, row);
                 }
             });
         }
@@ -283,10 +291,6 @@ fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     let table = table.into_inner().unwrap();
     assert_eq!(table.len(), kills.len());
     let text: String = table.into_values().map(|row| row + "\n").collect();
-    // Shown with --nocapture, and beside the test's binary for whoever wants the table of all.
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("kills.txt");
-    let text = format!("bound {agrees:.2} σ; {} of {} exchanges and {} ends of writes to the journal\n{text}", kills.len(), all.0, all.1);
-    fs::write(&path, &text).unwrap();
-    std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes()).unwrap();
+    write!(std::io::stderr(), "{head}\n{text}").unwrap();
     assert!(all.0 + all.1 >= 2000, "expected at least 2000 points to die at, found {all:?}");
 }
