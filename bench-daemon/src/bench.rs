@@ -23,6 +23,23 @@ use instruments::{
 
 use crate::config;
 
+/// Hands the roles whose models speak a dialect to another macro, in the order in which instruments are listed: the role's module in `instruments`, which is
+/// its field and its name, too, and its variant.
+macro_rules! for_roles {
+    ($hand:ident) => {
+        $hand! {
+            supply4q Supply4q,
+            generator Generator,
+            scope Scope,
+            load Load,
+            supply Supply,
+            chiller Chiller,
+            logger Logger,
+        }
+    };
+}
+pub(crate) use for_roles;
+
 /// What stands in the way of using a bench.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
@@ -221,7 +238,7 @@ impl Bench {
     pub async fn identify(&mut self) -> Result<Vec<Identified>, BenchError> {
         let mut found = Vec::new();
         macro_rules! ask {
-            ($role:literal, $field:ident, $recognises:expr) => {
+            ($role:expr, $field:ident, $recognises:expr) => {
                 if let (Some(instrument), Some(config)) = (self.$field.as_mut(), self.models.get($role)) {
                     let identity = instrument.identify().await.map_err(|source| wrap($role, &config.model, source))?;
                     let recognised = $recognises(&*instrument, &identity) || config.accepts(&identity.raw);
@@ -230,13 +247,10 @@ impl Bench {
                 }
             };
         }
-        ask!("supply4q", supply4q, recognises);
-        ask!("generator", generator, recognises);
-        ask!("scope", scope, recognises);
-        ask!("load", load, recognises);
-        ask!("supply", supply, recognises);
-        ask!("chiller", chiller, recognises);
-        ask!("logger", logger, recognises);
+        macro_rules! ask_all {
+            ($($field:ident $variant:ident,)+) => { $(ask!(stringify!($field), $field, recognises);)+ };
+        }
+        for_roles!(ask_all);
         ask!("jig", jig, |_: &Jig, _: &Identity| true);
         Ok(found)
     }

@@ -22,6 +22,7 @@ pub mod interlock;
 pub mod investigation;
 pub mod journal;
 pub mod logging;
+pub mod loopback;
 pub mod next_experiment;
 pub mod operator;
 pub mod plan;

@@ -19,7 +19,7 @@ use instruments::{
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::bench::Bench;
+use crate::bench::{Bench, for_roles};
 
 /// What an instrument says of itself.
 #[derive(Debug, Clone, Serialize)]
@@ -86,44 +86,30 @@ impl Known {
     pub fn all() -> Vec<Self> {
         let mut all = Vec::new();
         macro_rules! add {
-            ($role:literal, $module:ident, $variant:ident) => {
-                all.extend($module::DIALECTS.iter().map(|dialect| known($role, *dialect, Spoken::$variant(*dialect))));
+            ($($module:ident $variant:ident,)+) => {
+                $(all.extend($module::DIALECTS.iter().map(|dialect| known(stringify!($module), *dialect, Spoken::$variant(*dialect))));)+
             };
         }
-        add!("supply4q", supply4q, Supply4q);
-        add!("generator", generator, Generator);
-        add!("scope", scope, Scope);
-        add!("load", load, Load);
-        add!("supply", supply, Supply);
-        add!("chiller", chiller, Chiller);
-        add!("logger", logger, Logger);
+        for_roles!(add);
         all
     }
 
     /// Whether an identity is this model's.
     pub fn recognises(&self, identity: &Identity) -> bool {
-        match self.dialect {
-            Spoken::Supply4q(dialect) => dialect.recognises(identity),
-            Spoken::Generator(dialect) => dialect.recognises(identity),
-            Spoken::Scope(dialect) => dialect.recognises(identity),
-            Spoken::Load(dialect) => dialect.recognises(identity),
-            Spoken::Supply(dialect) => dialect.recognises(identity),
-            Spoken::Chiller(dialect) => dialect.recognises(identity),
-            Spoken::Logger(dialect) => dialect.recognises(identity),
+        macro_rules! ask {
+            ($($module:ident $variant:ident,)+) => { match self.dialect { $(Spoken::$variant(dialect) => dialect.recognises(identity),)+ } };
         }
+        for_roles!(ask)
     }
 
     /// Puts the dialect on a link. Sends nothing.
     pub fn on(&self, link: Link) -> Any {
-        match self.dialect {
-            Spoken::Supply4q(dialect) => Any::Supply4q(Instrument::new(link, dialect)),
-            Spoken::Generator(dialect) => Any::Generator(Instrument::new(link, dialect)),
-            Spoken::Scope(dialect) => Any::Scope(Instrument::new(link, dialect)),
-            Spoken::Load(dialect) => Any::Load(Instrument::new(link, dialect)),
-            Spoken::Supply(dialect) => Any::Supply(Instrument::new(link, dialect)),
-            Spoken::Chiller(dialect) => Any::Chiller(Instrument::new(link, dialect)),
-            Spoken::Logger(dialect) => Any::Logger(Instrument::new(link, dialect)),
+        macro_rules! put {
+            ($($module:ident $variant:ident,)+) => {
+                match self.dialect { $(Spoken::$variant(dialect) => Any::$variant(Instrument::new(link, dialect)),)+ }
+            };
         }
+        for_roles!(put)
     }
 }
 
@@ -134,19 +120,13 @@ fn known<D: Model + ?Sized>(role: &'static str, dialect: &'static D, spoken: Spo
 impl Any {
     /// The instruments of a bench with their roles, in a fixed order.
     pub fn of(bench: Bench) -> Vec<(&'static str, Self)> {
-        [
-            ("supply4q", bench.supply4q.map(Any::Supply4q)),
-            ("generator", bench.generator.map(Any::Generator)),
-            ("scope", bench.scope.map(Any::Scope)),
-            ("load", bench.load.map(Any::Load)),
-            ("supply", bench.supply.map(Any::Supply)),
-            ("chiller", bench.chiller.map(Any::Chiller)),
-            ("logger", bench.logger.map(Any::Logger)),
-            ("jig", bench.jig.map(Any::Jig)),
-        ]
-        .into_iter()
-        .filter_map(|(role, instrument)| Some((role, instrument?)))
-        .collect()
+        let mut all = Vec::new();
+        macro_rules! add {
+            ($($module:ident $variant:ident,)+) => { $(all.extend(bench.$module.map(|known| (stringify!($module), Any::$variant(known))));)+ };
+        }
+        for_roles!(add);
+        all.extend(bench.jig.map(|jig| ("jig", Any::Jig(jig))));
+        all
     }
 
     /// Asks all there is to ask; changes nothing. What `accepts` says yes to is spoken to although the dialect does not know it.
@@ -178,7 +158,7 @@ impl Any {
 
     async fn identify(&mut self) -> Result<(Identity, bool), LinkError> {
         macro_rules! ask {
-            ($($variant:ident),+) => {
+            ($($module:ident $variant:ident,)+) => {
                 match self {
                     $(Self::$variant(instrument) => {
                         let identity = instrument.identify().await?;
@@ -193,20 +173,19 @@ impl Any {
                 }
             };
         }
-        ask!(Supply4q, Generator, Scope, Load, Supply, Chiller, Logger)
+        for_roles!(ask)
     }
 
     fn link(&mut self) -> &mut Link {
-        match self {
-            Self::Supply4q(instrument) => instrument.link_mut(),
-            Self::Generator(instrument) => instrument.link_mut(),
-            Self::Scope(instrument) => instrument.link_mut(),
-            Self::Load(instrument) => instrument.link_mut(),
-            Self::Supply(instrument) => instrument.link_mut(),
-            Self::Chiller(instrument) => instrument.link_mut(),
-            Self::Logger(instrument) => instrument.link_mut(),
-            Self::Jig(jig) => jig.link_mut(),
+        macro_rules! of {
+            ($($module:ident $variant:ident,)+) => {
+                match self {
+                    $(Self::$variant(instrument) => instrument.link_mut(),)+
+                    Self::Jig(jig) => jig.link_mut(),
+                }
+            };
         }
+        for_roles!(of)
     }
 
     fn capabilities(&self) -> Value {

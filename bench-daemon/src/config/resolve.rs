@@ -20,7 +20,7 @@ use super::{
     Bench, Cell, ConfigError, Doctor, Experiment, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring, check::Check, limits,
     raw, simulation,
 };
-use crate::{interlock::Limits, state::meet};
+use crate::{interlock::Limits, loopback::names_loopback, state::meet};
 
 /// Reads an experiment with its bench (or another one in its place) and its cell.
 ///
@@ -290,9 +290,7 @@ fn resolve_simulation(source: &Source, raw: &raw::Simulation, instruments: &Inst
 /// In this process, on the loopback interface, on a pseudo-terminal, or a socket in the place of a device's file.
 pub(super) fn is_local(address: &Address) -> bool {
     match (address, address.host(), address.path()) {
-        (_, Some(host), _) => {
-            host == "localhost" || host.trim_matches(['[', ']']).parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback())
-        }
+        (_, Some(host), _) => names_loopback(host),
         (Address::UsbTmc { .. }, _, Some(path)) => !path.starts_with("/dev/"),
         (_, _, Some(path)) => path.starts_with("/dev/pts/"),
         (_, None, None) => true,

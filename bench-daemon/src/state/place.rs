@@ -13,7 +13,7 @@ use std::{
 use instruments::transport::{Adapter, Address, Socket, Vxi11Port};
 
 use super::StateError;
-use crate::{config, hash};
+use crate::{config, hash, loopback::is_loopback};
 
 /// Names the folder of all instruments; several accounts that run the same bench name one that all may write.
 pub const VARIABLE: &str = "EIS_BENCH_STATE";
@@ -96,7 +96,7 @@ fn hosts(host: &str, port: u16) -> Vec<String> {
         Ok(ip) => vec![ip],
         Err(_) => (host.as_str(), port).to_socket_addrs().map_or_else(|_| Vec::new(), |found| found.map(|at| at.ip()).collect()),
     };
-    let here = found.iter().any(|ip| ip.to_canonical().is_loopback());
+    let here = found.iter().copied().any(is_loopback);
     let numbers = found.iter().map(|ip| if here { HERE.to_owned() } else { ip.to_canonical().to_string() });
     let name = host.parse::<IpAddr>().is_err().then(|| host.clone());
     numbers.chain(name).collect()

@@ -21,6 +21,7 @@ use super::{
     caller::Named,
     problem::{Code, Refusal},
 };
+use crate::loopback::names_loopback;
 
 /// Who is at the other end.
 #[derive(Debug, Clone, Copy)]
@@ -129,8 +130,7 @@ fn same_host(headers: &HeaderMap, uri: &Uri, loopback: bool) -> Result<(), Refus
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
     let host = text(header::HOST).or_else(|| uri.authority().map(|authority| authority.as_str())).unwrap_or_default();
     let name = host.rsplit_once(':').filter(|(_, port)| port.chars().all(|c| c.is_ascii_digit())).map_or(host, |(name, _)| name);
-    let ip = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
-    if loopback && name != "localhost" && !ip.is_ok_and(|ip| ip.is_loopback()) {
+    if loopback && !names_loopback(name) {
         let message = format!("expected the host localhost, 127.0.0.1 or [::1], found {host:?}");
         return Err(Refusal::new(StatusCode::FORBIDDEN, "other_host", message));
     }
