@@ -36,7 +36,7 @@ const BY_CHANCE: f64 = 0.01;
 
 /// How far a point may be from that of the run that was not disturbed, in standard deviations of the difference: so far that among so many comparisons
 /// noise alone goes beyond it with a chance of [`BY_CHANCE`] at most. The union bound over Mills' bound of the normal tail, 2φ(b)/b.
-fn bound(comparisons: usize) -> f64 {
+pub(crate) fn bound(comparisons: usize) -> f64 {
     let chance = |b: f64| comparisons as f64 * 2.0 * (-0.5 * b * b).exp() / (b * std::f64::consts::TAU.sqrt());
     let (mut low, mut high) = (1.0, 10.0);
     for _ in 0..60 {
@@ -101,7 +101,7 @@ fn chosen((exchanges, writes): (usize, usize)) -> Vec<String> {
 }
 
 /// Whole lines of the tables of a run.
-fn rows(run: &Path) -> BTreeMap<PathBuf, String> {
+pub(crate) fn rows(run: &Path) -> BTreeMap<PathBuf, String> {
     let table = |name: &PathBuf| name.extension().is_some_and(|extension| extension == "csv") && !name.starts_with("config");
     let whole = |name: PathBuf| {
         let text = fs::read_to_string(run.join(&name)).unwrap();
@@ -113,12 +113,18 @@ fn rows(run: &Path) -> BTreeMap<PathBuf, String> {
 
 /// The sweeps as read: what is uncertain of them is their noise alone.
 fn spectra(run: &Path) -> Vec<ImpedancePoint> {
-    ["cell", "cell_2"].into_iter().flat_map(|name| read_spectrum_csv(&run.join(format!("raw_{name}.csv"))).unwrap()).collect()
+    ["cell", "cell_2"].into_iter().flat_map(|name| spectrum(run, name)).collect()
 }
 
-/// What a run says on a machine that is too slow for the pace: a simulated scope forgets a frame that is not fetched in time. It has ended in safe
-/// state, and goes on like any other.
-const TOO_SLOW: &str = "no frame was completed since the scope was armed";
+pub(crate) fn spectrum(run: &Path, name: &str) -> Vec<ImpedancePoint> {
+    read_spectrum_csv(&run.join(format!("raw_{name}.csv"))).unwrap()
+}
+
+/// What a run says on a machine that is too slow for the pace: a simulated scope forgets a frame that is not fetched in time, and a wave that is not taken
+/// away in time begins again. It has ended in safe state, and goes on like any other.
+pub(crate) fn too_slow(text: &str) -> bool {
+    ["no frame was completed since the scope was armed", ": it began again"].iter().any(|slow| text.contains(slow))
+}
 
 /// Goes on until the run is finished.
 #[track_caller]
@@ -128,27 +134,26 @@ fn finish(run: &Path, drill: &str) {
         if ended.code == Some(0) {
             return;
         }
-        assert!(ended.message().contains(TOO_SLOW), "{drill}: {}", ended.stderr);
+        assert!(too_slow(ended.message()), "{drill}: {}", ended.stderr);
     }
     panic!("{drill}: the machine is too slow for {FACTOR} bench seconds in one");
 }
 
 /// Runs or goes on until it dies at a point; whether it did.
-fn dies(mut command: std::process::Command, drill: &str) -> bool {
+pub(crate) fn dies(mut command: std::process::Command, drill: &str) -> bool {
     let ended = command.env("EIS_BENCH_DRILL", drill).output().unwrap();
     if std::os::unix::process::ExitStatusExt::signal(&ended.status) == Some(9) {
         return true;
     }
     // It exchanged less than the undisturbed run: there was nothing to die at.
     let text = String::from_utf8_lossy(&ended.stderr);
-    assert!(ended.status.code() == Some(0) || text.contains(TOO_SLOW), "{drill}: {text}");
+    assert!(ended.status.code() == Some(0) || too_slow(&text), "{drill}: {text}");
     false
 }
 
 /// The greatest distance from what an undisturbed run found, in standard deviations.
 #[track_caller]
-fn distance(run: &Path, reference: &[ImpedancePoint]) -> f64 {
-    let found = spectra(run);
+pub(crate) fn distance(found: &[ImpedancePoint], reference: &[ImpedancePoint]) -> f64 {
     assert_eq!(found.len(), reference.len());
     let one = |(a, b): (&ImpedancePoint, &ImpedancePoint)| {
         assert_eq!(a.freq_hz, b.freq_hz);
@@ -185,7 +190,7 @@ fn assert_charge_is_known(run: &Path, drill: &str) {
 
 /// What the guardian did after the death; it must have switched everything off and read it back. How long it took is in bench seconds, of which so many pass
 /// in one that the machine's own pace shows: `guardian` asserts the bound of five seconds in real time.
-fn guarded(files: &Files, drill: &str) -> String {
+pub(crate) fn guarded(files: &Files, drill: &str) -> String {
     let Ok(_) = fs::read(state(files, "guardian.json")) else { return "no guardian yet".to_owned() };
     let report = poll("the guardian's end", || {
         let report: serde_json::Value = serde_json::from_str(&fs::read_to_string(state(files, "guardian.json")).ok()?).ok()?;
@@ -222,7 +227,7 @@ fn crash((index, drill): (usize, &str), (reference, agrees): (&[ImpedancePoint],
         if files.run("again").code != Some(0) {
             finish(&files.path("again"), drill);
         }
-        return format!("{drill:<14} nothing was done yet, run from the beginning, {:.1} σ", distance(&files.path("again"), reference));
+        return format!("{drill:<14} nothing was done yet, run from the beginning, {:.1} σ", distance(&spectra(&files.path("again")), reference));
     }
     let mut became = "was finished";
     if !told("{\"ended\":{\"how\":\"finished\"}}") {
@@ -241,7 +246,7 @@ fn crash((index, drill): (usize, &str), (reference, agrees): (&[ImpedancePoint],
         }
     }
     let points = before.iter().filter(|(name, _)| name.starts_with("spectra")).map(|(_, text)| text.lines().count() - 1).sum::<usize>();
-    let sigmas = distance(&run, reference);
+    let sigmas = distance(&spectra(&run), reference);
     assert!(sigmas < agrees, "{drill}: {sigmas} standard deviations, {agrees} at most");
     assert_charge_is_known(&run, drill);
     ports.assert_outputs_off();
@@ -271,16 +276,22 @@ fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     kills.extend([format!("journal:{}", 2 * pulse), format!("journal:{}", 2 * pulse + 1)]);
     // Real and imaginary part of every point of every run.
     let agrees = bound(2 * reference.len() * kills.len());
-    // Beside the test's binary as it grows: a drill of hours tells what it has seen when it is ended, too.
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("kills.txt");
     let head = format!("bound {agrees:.2} σ; {} of {} exchanges and {} ends of writes to the journal", kills.len(), all.0, all.1);
+    every(&kills, ("kills.txt", &head), |index, drill| crash((index, drill), (&reference, agrees)));
+    assert!(all.0 + all.1 >= 2000, "expected at least 2000 points to die at, found {all:?}");
+}
+
+/// Plays every kill, some at a time, and prints the table, which is also beside the test's binary, as it grows: a drill of hours tells what it has seen when
+/// it is ended, too.
+pub(crate) fn every(kills: &[String], (name, head): (&str, &str), crash: impl Fn(usize, &str) -> String + Sync) {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     fs::write(&path, format!("{head}\n")).unwrap();
     let (next, table) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
     std::thread::scope(|scope| {
         for _ in 0..AT_ONCE {
             scope.spawn(|| {
                 while let Some((index, drill)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|at| Some((at, kills.get(at)?))) {
-                    let row = crash((index, drill), (&reference, agrees));
+                    let row = crash(index, drill);
                     let mut table = table.lock().unwrap();
                     writeln!(fs::OpenOptions::new().append(true).open(&path).unwrap(), "{row}").unwrap();
                     table.insert(index, row);
@@ -292,5 +303,4 @@ fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     assert_eq!(table.len(), kills.len());
     let text: String = table.into_values().map(|row| row + "\n").collect();
     write!(std::io::stderr(), "{head}\n{text}").unwrap();
-    assert!(all.0 + all.1 >= 2000, "expected at least 2000 points to die at, found {all:?}");
 }

@@ -11,6 +11,7 @@ mod campaign;
 mod configuration;
 mod convert;
 mod crash;
+mod crash_ahead;
 mod custody;
 mod demo;
 mod diagnose;

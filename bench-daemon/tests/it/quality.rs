@@ -65,6 +65,23 @@ fn every_criterion_fires_on_its_own_fault_and_the_point_is_flagged() {
 }
 
 #[test]
+fn a_large_sinusoid_through_butler_and_volmer_is_flagged_as_distorted_a_small_one_and_a_linear_cell_are_not() {
+    let law = "[effects.butler_volmer]\nbranch = 1\nalpha = 0.5";
+    for (amplitude, more, distorted) in [("3 A", law, true), ("0.2 A", law, false), ("3 A", "", false)] {
+        let files = gated(1.0, 2, "again = 1")
+            .edit(EXPERIMENT, "amplitude = \"1 A\"", &format!("amplitude = \"{amplitude}\""))
+            .edit(SCENARIO, "initial_soc = 0.60", "initial_soc = 0.60\nbranches = [{ r_ohm = 0.02, c_f = 0.05 }]")
+            .append(SCENARIO, more);
+        let (finished, index, _) = run(&files);
+        let flagged = &index.sweeps[0].flagged;
+        let reasons: Vec<&String> = flagged.iter().flat_map(|point| &point.reasons).collect();
+        let met = reasons.iter().any(|reason| reason.starts_with("distortion: expected at most 1.00 %, found "));
+        assert_eq!(met, distorted, "{amplitude} {more}: {flagged:#?}");
+        assert_eq!(finished.summary.contains("flagged by the quality gate after 2 records: distortion"), distorted, "{}", finished.summary);
+    }
+}
+
+#[test]
 fn a_channel_that_still_clips_after_every_change_of_range_is_flagged_or_measured_again() {
     // Eighteen times too fine; four changes of range double it each.
     let fine = |gate: &str| {

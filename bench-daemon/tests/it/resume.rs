@@ -2,6 +2,8 @@
 
 use std::{fs, path::Path};
 
+use instruments::mock::plant::{Action, LoadState, Plant};
+
 use crate::support::{BENCH, EXPERIMENT, Ended, Files, Ports, command, files_below, json, program, sent};
 
 /// Runs the experiment with a crash drill; it must die by SIGKILL.
@@ -263,6 +265,49 @@ fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
     assert!(found.contains("\"role\":\"supply4q\",\"off\":true"), "{found}");
     assert_eq!(journal.matches("\"text\":\"trace pulse").count(), 2);
     assert_eq!(json(&run.join("traces.json"))["traces"].as_array().unwrap().len(), 1);
+    ports.assert_outputs_off();
+}
+
+#[test]
+fn a_sweep_goes_on_at_the_state_of_charge_where_it_began_or_when_a_person_says_so() {
+    let files = Files::short(6).without(EXPERIMENT, "fixture_check");
+    let ports = Ports::serve(&files, 10.0, 1);
+    let run = files.path("run");
+    let mut child = crate::kill::start(&files, &run, &[]);
+    crate::kill::wait_for_points(&mut child, &run, ("raw_cell.csv", 2));
+    child.0.kill().unwrap();
+    child.0.wait().unwrap();
+    crate::guardian::report(&files, "verified");
+    // Somebody takes 30 mV out of the cell: 20 mV are the bound.
+    let draws = |on: bool| {
+        let state = LoadState { input_on: on, current_a: 15.0, min_voltage_v: 0.0, power_w: None };
+        ports.world.lock().unwrap().act(0.0, Action::Load(state));
+    };
+    let begun_v = ports.world.lock().unwrap().truth_ocv_v();
+    draws(true);
+    crate::support::poll("another state of charge", || {
+        // The world goes on with whatever is asked of it.
+        ports.ask("load", ":MEAS:VOLT?");
+        (ports.world.lock().unwrap().truth_ocv_v() < begun_v - 0.03).then_some(())
+    });
+    draws(false);
+    let kept = fs::read(run.join("raw_cell.csv")).unwrap();
+    let refused = resume(&run, &[]);
+    refused.expect_code(2);
+    let text = "belong to another state of charge than those that follow; bring the cell to its state by hand, or go on with --accept-charge";
+    assert!(
+        refused.message().contains("stage 1: expected the cell within 0.02 V of the ") && refused.message().contains(text),
+        "{}",
+        refused.message()
+    );
+    assert!(fs::read(run.join("raw_cell.csv")).unwrap() == kept, "nothing is measured before somebody has decided");
+    ports.assert_outputs_off();
+    let accepted = resume(&run, &["--accept-charge"]);
+    accepted.expect_code(0);
+    assert!(accepted.stdout.contains("belong to another state of charge than those that follow"), "{}", accepted.stdout);
+    assert!(fs::read_to_string(run.join("report.html")).unwrap().contains("belong to another state of charge"));
+    assert_eq!(analysis::dataset::read_spectrum_csv(&run.join("raw_cell.csv")).unwrap().len(), 6);
+    assert!(fs::read(run.join("raw_cell.csv")).unwrap().starts_with(&kept), "what was finished stays");
     ports.assert_outputs_off();
 }
 

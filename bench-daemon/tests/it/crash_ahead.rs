@@ -1,0 +1,193 @@
+//! The second crash drill: points that overlap, and a trace that is one wave in the generator's memory. The process dies where the generator is ahead of the
+//! journal's points, and before, in and behind the wave. Nothing brings the charge of the cell back by itself here, so that a wave whose outcome nobody knows
+//! is refused until a person has said so.
+//!
+//! `EIS_BENCH_CRASHES` as in the first one: `all`, or how many.
+
+use std::{fs, path::Path};
+
+use analysis::spectrum::ImpedancePoint;
+use bench_daemon::journal::{self, Entry};
+use instruments::transcript::Direction;
+
+use crate::{
+    crash::{bound, dies, distance, every, guarded, rows, spectrum, too_slow},
+    resume::resume,
+    support::{EXPERIMENT, Files, Ports, command, files_below, json, sent, transcript},
+};
+
+/// Bench seconds in one second: a wave must be taken away within half a second of bench time.
+const FACTOR: f64 = 5.0;
+/// Crashes without the variable.
+const SHARE: usize = 8;
+/// One of so many crashes is at the journal.
+const JOURNAL: usize = 4;
+/// A machine may be too slow so often in one run.
+const PATIENCE: usize = 8;
+
+const WAVE: &str = r#"
+[[traces]]
+name = "jump"
+through = "wave"
+rest_first = "2 s"
+start_voltage = ["3.6 V", "4.0 V"]
+resistance_max = "30 mΩ"
+segments = [{ current = "-2 A", duration = "0.5 s" }, { current = "1 A", duration = "0.5 s" }, { current = "0 A", duration = "1 s" }]
+"#;
+
+/// One sweep whose points overlap, one wave.
+fn files() -> Files {
+    Files::short(4)
+        .without(EXPERIMENT, "fixture_check")
+        .edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"10 Hz\"")
+        .edit(EXPERIMENT, "extra_wait = \"1 s\"", "extra_wait = \"1 s\"\noverlap = true")
+        .append(EXPERIMENT, WAVE)
+}
+
+/// Numbers of the lines of all transcripts together, and of the journal's writes, that lie between the first point's intent and the end of the wave.
+fn points(run: &Path) -> (Vec<usize>, Vec<usize>) {
+    let lines = journal::read(run).unwrap().lines;
+    let of = |text: &str| lines.iter().position(|line| matches!(&line.entry, Entry::Intent { text: met, .. } if met.starts_with(text))).unwrap();
+    let (first, wave) = (of("point"), of("trace jump"));
+    let end = wave + lines[wave..].iter().position(|line| matches!(line.entry, Entry::Done { .. })).unwrap();
+    let names = files_below(&run.join("transcripts"));
+    let roles = names.iter().map(|name| name.file_stem().unwrap().to_str().unwrap());
+    let mut times: Vec<f64> = roles.flat_map(|role| transcript(run, role).records).map(|record| record.time_s).collect();
+    times.sort_by(f64::total_cmp);
+    let inside = |time_s: &f64| (lines[first].time_s..=lines[end].time_s).contains(time_s);
+    let exchanges = (1..).zip(&times).filter(|(_, time_s)| inside(time_s)).map(|(number, _)| number).collect();
+    // The ends of the writes of these lines: 2n − 1 before the n-th, 2n after it.
+    (exchanges, (2 * first + 1..=2 * end + 2).collect())
+}
+
+/// Every point, or a share spread over them.
+fn chosen((exchanges, writes): &(Vec<usize>, Vec<usize>)) -> Vec<String> {
+    let asked = std::env::var("EIS_BENCH_CRASHES").unwrap_or_default();
+    let share: usize = if asked == "all" { usize::MAX } else { asked.parse().unwrap_or(SHARE) };
+    let spread = |kind: &str, points: &[usize], share: usize| {
+        let share = share.clamp(1, points.len());
+        (0..share).map(|index| format!("{kind}:{}", points[(2 * index + 1) * points.len() / (2 * share)])).collect::<Vec<_>>()
+    };
+    let journal = share / JOURNAL;
+    [spread("exchange", exchanges, share - journal), spread("journal", writes, journal)].concat()
+}
+
+/// What the run was in when it died.
+fn phase(run: &Path) -> &'static str {
+    let lines = journal::read(run).unwrap().lines;
+    let began = lines.iter().rposition(|line| matches!(&line.entry, Entry::Intent { text, .. } if text.starts_with("trace jump")));
+    let (Some(began), generator) = (began, sent(run, "generator")) else {
+        let (mut intents, mut done) = (0, 0);
+        for line in &lines {
+            match &line.entry {
+                Entry::Intent { text, .. } if text.starts_with("point") => intents += 1,
+                Entry::Point(_) => done += 1,
+                _ => {}
+            }
+        }
+        return if intents > done + 1 { "overlapped point" } else { "point" };
+    };
+    if lines[began..].iter().any(|line| matches!(line.entry, Entry::Done { .. })) {
+        return "wave is done";
+    }
+    let Some(loaded) = generator.iter().rposition(|message| message.contains(":WVDT ")) else { return "before the wave" };
+    let played = generator[loaded..].iter().position(|message| message.contains("WVTP,ARB"));
+    let read_back = transcript(run, "generator").records.iter().any(|record| {
+        record.direction == Direction::Received && matches!(&record.payload, instruments::transcript::Payload::Text(text) if text.contains("WVTP,ARB"))
+    });
+    match played {
+        Some(at) if generator[loaded + at..].iter().any(|message| message.contains("WVTP,SINE")) => "wave: end",
+        Some(_) if read_back => "wave: play",
+        _ => "wave: upload",
+    }
+}
+
+/// A wave was begun, and nobody knows how it ended.
+fn unknown(run: &Path) -> bool {
+    let index = fs::read_to_string(run.join("traces.json")).unwrap_or_default();
+    let mut open = false;
+    for line in journal::read(run).unwrap().lines {
+        match line.entry {
+            Entry::Intent { text, .. } => open = text.starts_with("trace jump"),
+            Entry::Done { .. } => open = false,
+            _ => {}
+        }
+    }
+    open && !index.contains("\"jump\"")
+}
+
+fn ended(run: &Path) -> bool {
+    fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default().contains("{\"ended\":{\"how\":\"finished\"}}")
+}
+
+/// Goes on until the run is finished; how often a person had to say that the wave may be played from its beginning.
+#[track_caller]
+fn finish(run: &Path, drill: &str) -> usize {
+    let mut asked = 0;
+    for _ in 0..PATIENCE {
+        if unknown(run) {
+            let refused = resume(run, &[]);
+            refused.expect_code(2);
+            assert!(refused.message().contains("(trace jump, repeat 1: ") && refused.message().contains("--accept-charge"), "{drill}");
+            asked += 1;
+        }
+        let more: &[&str] = if unknown(run) { &["--accept-charge"] } else { &[] };
+        let ended = resume(run, more);
+        if ended.code == Some(0) {
+            return asked;
+        }
+        assert!(too_slow(ended.message()), "{drill}: {}", ended.stderr);
+    }
+    panic!("{drill}: the machine is too slow for {FACTOR} bench seconds in one");
+}
+
+/// One crash and what became of it, as a row of the table.
+fn crash(drill: &str, (reference, agrees): (&[ImpedancePoint], f64)) -> String {
+    let files = files();
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let run = files.path("run");
+    let experiment = files.experiment();
+    let died = dies(command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]), drill);
+    if !died && ended(&run) {
+        return format!("{drill:<13} not reached");
+    }
+    let current_a = ports.world.lock().unwrap().truth_current_a();
+    let (phase, before) = (phase(&run), rows(&run));
+    let guarded = if died { guarded(&files, drill) } else { "ended: too slow".to_owned() };
+    assert_eq!(ports.world.lock().unwrap().truth_current_a(), 0.0, "{drill}: {guarded}");
+    let asked = if ended(&run) { 0 } else { finish(&run, drill) };
+    for (name, rows) in &before {
+        assert!(fs::read_to_string(run.join(name)).unwrap().starts_with(rows.as_str()), "{drill}: rows of {} were lost", name.display());
+    }
+    // The wave has been begun once, and once more for each time that a person said so.
+    let begun = journal::read(&run).unwrap().lines;
+    let begun = begun.iter().filter(|line| matches!(&line.entry, Entry::Intent { text, .. } if text.starts_with("trace jump"))).count();
+    assert_eq!(begun, 1 + asked, "{drill}: a wave was played again although nobody knew what it had moved");
+    assert_eq!(json(&run.join("traces.json"))["traces"].as_array().unwrap().len(), 1, "{drill}");
+    let sigmas = distance(&spectrum(&run, "cell"), reference);
+    assert!(sigmas < agrees, "{drill}: {sigmas} standard deviations, {agrees} at most");
+    ports.assert_outputs_off();
+    let witness = ports.world.lock().unwrap().witness();
+    assert_eq!(witness.abuse, [], "{drill}: the cell left its envelope");
+    let played = if asked > 0 { "refused, accepted" } else { "went on" };
+    let (least_v, greatest_v) = (witness.least_v, witness.greatest_v);
+    format!("{drill:<13} {phase:<16} {current_a:>7.3} A | {guarded:<15} | {played:<17} | {sigmas:.1} σ | cell {least_v:.3} V to {greatest_v:.3} V")
+}
+
+#[test]
+fn overlapped_points_and_a_wave_that_are_killed_anywhere_lose_nothing_and_move_no_unknown_charge_again() {
+    let files = files();
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let whole = files.path("whole");
+    if files.run("whole").code != Some(0) {
+        finish(&whole, "whole");
+    }
+    assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+    drop(ports);
+    let reference = spectrum(&whole, "cell");
+    let all = points(&whole);
+    let kills = chosen(&all);
+    let agrees = bound(2 * reference.len() * kills.len());
+    let head = format!("bound {agrees:.2} σ; {} of {} exchanges and {} ends of writes to the journal", kills.len(), all.0.len(), all.1.len());
+    every(&kills, ("kills_ahead.txt", &head), |_, drill| crash(drill, (&reference, agrees)));
+}
