@@ -13,6 +13,7 @@ mod heed;
 mod leg;
 mod metered;
 mod multisine;
+mod power;
 mod record;
 mod sine;
 mod trace;
@@ -26,8 +27,7 @@ use instruments::{
     clock::Clock,
     mock::plant::Fixture,
     scope::{Trigger, Vertical},
-    supply4q,
-    units::{Amps, Seconds, Volts},
+    units::{Seconds, Volts},
 };
 
 pub use beside::{Bend, Beside};
@@ -42,10 +42,10 @@ pub use trace::charge_of;
 use crate::{
     bench::{Bench, BenchError},
     config::{self, Experiment},
-    interlock::{Interlock, NO_CURRENT_A, Reading},
+    interlock::{Interlock, Reading},
     journal::Entry,
     operator::Operator,
-    plan::{Purpose, Specimen, Stage, Step, fixture_name},
+    plan::{Purpose, Specimen, Stage, Step},
     progress::Progress,
     record::Recorder,
     thermostat::Thermostat,
@@ -53,10 +53,6 @@ use crate::{
 
 /// Seconds between two readings while current flows.
 const POLL_S: f64 = 1.0;
-/// With its command at zero the bipolar supply may drive this much, A: more is a zero error that wants trimming.
-const IDLE_CURRENT_A: f64 = 0.2;
-/// With every output off a control shows less than this, V: thermal voltages, and the zero error of a meter. Any cell shows more.
-const CONTROL_IDLE_V: f64 = 0.2;
 
 /// Executes stages on a bench.
 pub struct Executor<'a> {
@@ -344,93 +340,6 @@ impl<'a> Executor<'a> {
         if fixture == Fixture::Short {
             self.refuse_a_cell("after mounting the short").await?;
         }
-        Ok(())
-    }
-
-    async fn power(&mut self, fixture: Fixture, step: &Step) -> Result<(), ExecuteError> {
-        let Step::PowerUp { compliance_v, limit_a, .. } = *step else { return Ok(()) };
-        self.power_up(fixture, &supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) }).await
-    }
-
-    /// A supply that takes no limit of the voltage says what it would go to by itself.
-    async fn tell_own_limits(&mut self, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
-        let error = self.bench.error("supply4q");
-        let supply = require(&mut self.bench.supply4q, "supply4q")?;
-        if supply.capabilities().holds != supply4q::Holds::Nothing {
-            return Ok(());
-        }
-        let Some(own) = supply.own_limits().await.map_err(error)? else { return Ok(()) };
-        let text = format!(
-            "bipolar supply: takes no compliance and no current limit; its own set-point limits are {} V to {} V, {} A to {} A",
-            own.volts.0, own.volts.1, own.amps.0, own.amps.1
-        );
-        self.recorder.event(&text)?;
-        let wider = own.volts.1.max(-own.volts.0) > limits.compliance.value() || own.amps.1.max(-own.amps.0) > limits.current.value();
-        if wider && !self.told {
-            self.told = true;
-            self.recorder.warning(&format!("{text}: beyond the limits of this run only the daemon's readings and a fuse hold it"));
-        }
-        Ok(())
-    }
-
-    async fn power_up(&mut self, fixture: Fixture, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
-        let error = self.bench.error("generator");
-        let offset = Volts(self.experiment.bench.wiring.command_offset_v);
-        let generator = require(&mut self.bench.generator, "generator")?;
-        generator.output(false).await.map_err(&error)?;
-        generator.quiet(offset).await.map_err(&error)?;
-        let error = self.bench.error("supply4q");
-        let supply = require(&mut self.bench.supply4q, "supply4q")?;
-        supply.prepare(limits).await.map_err(&error)?;
-        self.tell_own_limits(limits).await?;
-        if fixture == Fixture::Cell {
-            // A cell that is missing, reversed, ruined or too hot must not be driven: it is read while the output is still off.
-            let mut reading = self.read_supply4q().await?;
-            reading.temperature_c = self.cell_temperature().await?;
-            self.idle = reading;
-            self.judge("idle", reading)?;
-        } else {
-            self.refuse_a_cell(&format!("driving the {}", fixture_name(fixture))).await?;
-        }
-        let scope_error = self.bench.error("scope");
-        if let Some(eis) = &self.experiment.eis {
-            let scope = require(&mut self.bench.scope, "scope")?;
-            // What cannot be thinned out before it is sent is not taken in the first place.
-            let memory_points = if scope.capabilities().thins_out { eis.memory_points } else { eis.record_points };
-            scope.set(&instruments::scope::Intent::Session { memory_points }).await.map_err(scope_error)?;
-            self.memory_points = Some(memory_points);
-        }
-        // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
-        let generator_error = self.bench.error("generator");
-        require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;
-        self.recorder.event(OUTPUT_ON)?;
-        require(&mut self.bench.supply4q, "supply4q")?.energise().await.map_err(&error)?;
-        let idle_a = self.watch("idle", fixture).await?.current_a.unwrap_or(0.0);
-        let allowed_a =
-            IDLE_CURRENT_A.min(self.experiment.eis.as_ref().map_or(f64::INFINITY, |eis| 0.5 * eis.amplitude_a)).max(NO_CURRENT_A);
-        if idle_a.abs() > allowed_a {
-            return Err(ExecuteError::Disobeyed {
-                what: "bipolar supply with its command at zero".to_owned(),
-                expected: format!("less than {allowed_a} A"),
-                met: format!("{idle_a:.3} A: adjust wiring.command_offset"),
-            });
-        }
-        Ok(())
-    }
-
-    /// Reads the voltage at the jig, every output off, and refuses one that no control has. A reading that is not a number is refused too.
-    async fn refuse_a_cell(&mut self, what: &str) -> Result<(), ExecuteError> {
-        let reading = self.read_supply4q().await?;
-        self.recorder.reading("idle", &reading)?;
-        let volts = reading.voltage_v.unwrap_or(f64::NAN);
-        if volts.abs() <= CONTROL_IDLE_V { Ok(()) } else { Err(ExecuteError::CellLeftIn { what: what.to_owned(), volts }) }
-    }
-
-    async fn power_down(&mut self) -> Result<(), ExecuteError> {
-        let error = self.bench.error("supply4q");
-        require(&mut self.bench.supply4q, "supply4q")?.safe().await.map_err(error)?;
-        let error = self.bench.error("generator");
-        require(&mut self.bench.generator, "generator")?.safe().await.map_err(error)?;
         Ok(())
     }
 }

@@ -3,7 +3,11 @@
 use std::time::Duration;
 
 use instruments::{
+    clock::Clock,
+    generator::Generator,
     instrument::{Instrument, Model},
+    link::LinkError,
+    supply4q::Supply4q,
     units::Volts,
 };
 
@@ -46,6 +50,17 @@ impl Bench {
         Err(failures)
     }
 
+    /// Switches off what drives the cell by the bipolar supply, in the order of [`Self::safe_state`], once. Load and charger stay as they are.
+    ///
+    /// # Errors
+    /// What could not be read back as off.
+    pub async fn drive_off(&mut self) -> Result<(), Vec<BenchError>> {
+        let offset = Volts(self.command_offset_v);
+        let (supply4q, generator) = off(&mut self.generator, &mut self.supply4q, (&self.clock, offset)).await;
+        let failures = self.failed([("supply4q", supply4q), ("generator", generator)]);
+        if failures.is_empty() { Ok(()) } else { Err(failures) }
+    }
+
     /// Voltage, V, and current, A, that each instrument which can move charge reads now. A generator has no meter.
     pub async fn read_back(&mut self) -> Vec<(&'static str, Result<(f64, f64), BenchError>)> {
         let mut found = Vec::new();
@@ -65,35 +80,7 @@ impl Bench {
 
     async fn try_safe(&mut self) -> Vec<BenchError> {
         let offset = Volts(self.command_offset_v);
-        let (generator, supply4q, clock) = (&mut self.generator, &mut self.supply4q, &self.clock);
-        let driven = async move {
-            let quiet = match generator.as_mut() {
-                // Not worth waiting for long: what drives the cell is the supply.
-                Some(generator) => {
-                    let quiet = async {
-                        fresh(generator).await;
-                        generator.quiet(offset).await
-                    };
-                    clock.deadline(QUIET_DEADLINE, quiet).await.is_ok_and(|quiet| quiet.is_ok())
-                }
-                None => true,
-            };
-            let supply = match supply4q.as_mut() {
-                Some(supply) => {
-                    fresh(supply).await;
-                    supply.safe().await
-                }
-                None => Ok(()),
-            };
-            let generator = match generator.as_mut() {
-                Some(generator) if supply.is_ok() || !quiet => {
-                    fresh(generator).await;
-                    generator.safe().await
-                }
-                _ => Ok(()),
-            };
-            (supply, generator)
-        };
+        let driven = off(&mut self.generator, &mut self.supply4q, (&self.clock, offset));
         let (load, supply) = (&mut self.load, &mut self.supply);
         let discharged = async move {
             let Some(load) = load.as_mut() else { return Ok(()) };
@@ -112,10 +99,11 @@ impl Bench {
             bath.pulse(0.0).await
         };
         let ((supply4q, generator), load, supply, chiller) = tokio::join!(driven, discharged, charged, relays);
-        [("supply4q", supply4q), ("generator", generator), ("load", load), ("supply", supply), ("chiller", chiller)]
-            .into_iter()
-            .filter_map(|(role, outcome)| outcome.err().map(|source| wrap(role, self.model(role), source)))
-            .collect()
+        self.failed([("supply4q", supply4q), ("generator", generator), ("load", load), ("supply", supply), ("chiller", chiller)])
+    }
+
+    fn failed<const ROLES: usize>(&self, outcomes: [(&'static str, Result<(), LinkError>); ROLES]) -> Vec<BenchError> {
+        outcomes.into_iter().filter_map(|(role, outcome)| outcome.err().map(|source| wrap(role, self.model(role), source))).collect()
     }
 
     /// Outputs that say they are off while a current flows.
@@ -138,6 +126,41 @@ impl Bench {
         measure!("supply", supply);
         failures
     }
+}
+
+/// The one order in which the bipolar supply and its command go off: the least sine, the supply with its output open, the generator. What becomes of supply and
+/// generator.
+async fn off(
+    generator: &mut Option<Generator>,
+    supply4q: &mut Option<Supply4q>,
+    (clock, offset): (&Clock, Volts),
+) -> (Result<(), LinkError>, Result<(), LinkError>) {
+    let quiet = match generator.as_mut() {
+        // Not worth waiting for long: what drives the cell is the supply.
+        Some(generator) => {
+            let quiet = async {
+                fresh(generator).await;
+                generator.quiet(offset).await
+            };
+            clock.deadline(QUIET_DEADLINE, quiet).await.is_ok_and(|quiet| quiet.is_ok())
+        }
+        None => true,
+    };
+    let supply = match supply4q.as_mut() {
+        Some(supply) => {
+            fresh(supply).await;
+            supply.safe().await
+        }
+        None => Ok(()),
+    };
+    let generator = match generator.as_mut() {
+        Some(generator) if supply.is_ok() || !quiet => {
+            fresh(generator).await;
+            generator.safe().await
+        }
+        _ => Ok(()),
+    };
+    (supply, generator)
 }
 
 /// A new connection where the old one was dropped. When that fails, so does what is tried next, and says why.

@@ -7,9 +7,9 @@ use instruments::mock::{
     quirks::{Quirks, Value},
 };
 
-use super::{ConfigError, Instruments, Source, Thermostat, raw};
+use super::{ConfigError, Instruments, Source, Thermostat, raw_bench};
 
-pub(super) fn faults(source: &Source, raw: &raw::Faults) -> Result<Schedule, ConfigError> {
+pub(super) fn faults(source: &Source, raw: &raw_bench::Faults) -> Result<Schedule, ConfigError> {
     if !(0.0..=1.0).contains(&raw.per_message) {
         let reason = format!("expected a chance from 0 to 1, found {}", raw.per_message);
         return Err(source.complain("simulation.faults.per_message", reason));
@@ -50,7 +50,7 @@ pub(super) fn quirks(
 /// Unless they are typed: proportional band, K, integral time, window and age of a reading, s.
 const THERMOSTAT: Thermostat = Thermostat { band_k: 0.5, integral_s: 400.0, window_s: 20.0, stale_s: 60.0, sensor_offset_k: 0.0 };
 
-pub(super) fn thermostat(source: &Source, raw: &raw::Thermostat) -> Result<Thermostat, ConfigError> {
+pub(super) fn thermostat(source: &Source, raw: &raw_bench::Thermostat) -> Result<Thermostat, ConfigError> {
     let within = |field: &str, value: f64, (least, greatest): (f64, f64), unit: &str| {
         let reason = || format!("expected {least} {unit} to {greatest} {unit}, found {value} {unit}");
         (least..=greatest).contains(&value).then_some(value).ok_or_else(|| source.complain(&format!("thermostat.{field}"), reason()))

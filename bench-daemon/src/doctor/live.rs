@@ -304,11 +304,7 @@ impl Examination<'_> {
     }
 
     async fn down(&mut self) -> Result<(), BenchError> {
-        let (error, of_supply) = (self.bench.error("generator"), self.bench.error("supply4q"));
-        let offset = Volts(self.config.wiring.command_offset_v);
-        self.generator()?.quiet(offset).await.map_err(&error)?;
-        self.supply4q()?.safe().await.map_err(of_supply)?;
-        self.generator()?.safe().await.map_err(error)
+        self.bench.drive_off().await.map_err(|mut failures| failures.swap_remove(0))
     }
 
     /// A steady command.

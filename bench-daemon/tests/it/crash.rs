@@ -227,7 +227,10 @@ fn crash((index, drill): (usize, &str), (reference, agrees): (&[ImpedancePoint],
         if files.run("again").code != Some(0) {
             finish(&files.path("again"), drill);
         }
-        return format!("{drill:<14} nothing was done yet, run from the beginning, {:.1} σ", distance(&spectra(&files.path("again")), reference));
+        return format!(
+            "{drill:<14} nothing was done yet, run from the beginning, {:.1} σ",
+            distance(&spectra(&files.path("again")), reference)
+        );
     }
     let mut became = "was finished";
     if !told("{\"ended\":{\"how\":\"finished\"}}") {

@@ -47,7 +47,8 @@ fn files() -> Files {
 /// Numbers of the lines of all transcripts together, and of the journal's writes, that lie between the first point's intent and the end of the wave.
 fn points(run: &Path) -> (Vec<usize>, Vec<usize>) {
     let lines = journal::read(run).unwrap().lines;
-    let of = |text: &str| lines.iter().position(|line| matches!(&line.entry, Entry::Intent { text: met, .. } if met.starts_with(text))).unwrap();
+    let of =
+        |text: &str| lines.iter().position(|line| matches!(&line.entry, Entry::Intent { text: met, .. } if met.starts_with(text))).unwrap();
     let (first, wave) = (of("point"), of("trace jump"));
     let end = wave + lines[wave..].iter().position(|line| matches!(line.entry, Entry::Done { .. })).unwrap();
     let names = files_below(&run.join("transcripts"));
@@ -93,7 +94,8 @@ fn phase(run: &Path) -> &'static str {
     let Some(loaded) = generator.iter().rposition(|message| message.contains(":WVDT ")) else { return "before the wave" };
     let played = generator[loaded..].iter().position(|message| message.contains("WVTP,ARB"));
     let read_back = transcript(run, "generator").records.iter().any(|record| {
-        record.direction == Direction::Received && matches!(&record.payload, instruments::transcript::Payload::Text(text) if text.contains("WVTP,ARB"))
+        record.direction == Direction::Received
+            && matches!(&record.payload, instruments::transcript::Payload::Text(text) if text.contains("WVTP,ARB"))
     });
     match played {
         Some(at) if generator[loaded + at..].iter().any(|message| message.contains("WVTP,SINE")) => "wave: end",
@@ -171,7 +173,9 @@ fn crash(drill: &str, (reference, agrees): (&[ImpedancePoint], f64)) -> String {
     assert_eq!(witness.abuse, [], "{drill}: the cell left its envelope");
     let played = if asked > 0 { "refused, accepted" } else { "went on" };
     let (least_v, greatest_v) = (witness.least_v, witness.greatest_v);
-    format!("{drill:<13} {phase:<16} {current_a:>7.3} A | {guarded:<15} | {played:<17} | {sigmas:.1} σ | cell {least_v:.3} V to {greatest_v:.3} V")
+    format!(
+        "{drill:<13} {phase:<16} {current_a:>7.3} A | {guarded:<15} | {played:<17} | {sigmas:.1} σ | cell {least_v:.3} V to {greatest_v:.3} V"
+    )
 }
 
 #[test]
@@ -188,6 +192,7 @@ fn overlapped_points_and_a_wave_that_are_killed_anywhere_lose_nothing_and_move_n
     let all = points(&whole);
     let kills = chosen(&all);
     let agrees = bound(2 * reference.len() * kills.len());
-    let head = format!("bound {agrees:.2} σ; {} of {} exchanges and {} ends of writes to the journal", kills.len(), all.0.len(), all.1.len());
+    let head =
+        format!("bound {agrees:.2} σ; {} of {} exchanges and {} ends of writes to the journal", kills.len(), all.0.len(), all.1.len());
     every(&kills, ("kills_ahead.txt", &head), |_, drill| crash(drill, (&reference, agrees)));
 }

@@ -294,7 +294,8 @@ fn a_sweep_goes_on_at_the_state_of_charge_where_it_began_or_when_a_person_says_s
     let kept = fs::read(run.join("raw_cell.csv")).unwrap();
     let refused = resume(&run, &[]);
     refused.expect_code(2);
-    let text = "belong to another state of charge than those that follow; bring the cell to its state by hand, or go on with --accept-charge";
+    let text =
+        "belong to another state of charge than those that follow; bring the cell to its state by hand, or go on with --accept-charge";
     assert!(
         refused.message().contains("stage 1: expected the cell within 0.02 V of the ") && refused.message().contains(text),
         "{}",

@@ -1,0 +1,211 @@
+//! A bench as its file describes it, complete and checked.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use analysis::{
+    calibration::{KnownImpedance, StrayAdmittance},
+    diagnosis::BenchHistory,
+};
+use instruments::{
+    clock::TimeMode,
+    mock::{Schedule, quirks::Quirks},
+    transport::Address,
+};
+
+use super::resolve_bench;
+
+/// A bench.
+#[derive(Debug, Clone)]
+pub struct Bench {
+    /// Its name.
+    pub name: String,
+    /// Its instruments; what is absent is `None`.
+    pub instruments: Instruments,
+    /// How it is wired.
+    pub wiring: Wiring,
+    /// The copper fake cell, where its impedance is known.
+    pub fake_cell: Option<KnownImpedance>,
+    /// The short bar, where its impedance is known.
+    pub short: Option<KnownImpedance>,
+    /// The stray admittance of the open jig, where it was measured.
+    pub open: Option<StrayAdmittance>,
+    /// The simulation behind the addresses, if there is one.
+    pub simulation: Option<Simulation>,
+    /// What its past says of its errors, where anything is known.
+    pub history: Option<BenchHistory>,
+    /// The file that this was read from.
+    pub path: PathBuf,
+    /// Where its state is kept: who runs it, and why it must not be run.
+    pub state_folder: PathBuf,
+    /// The process that watches over it.
+    pub guardian: Guardian,
+    /// How a bath is held whose loop the daemon closes.
+    pub thermostat: Thermostat,
+    /// What a run asks of the last look of the doctor.
+    pub doctor: Doctor,
+}
+
+impl Bench {
+    /// Whether it is simulated in this process: then nothing of it is left when the process has ended.
+    pub fn in_process(&self) -> bool {
+        self.instruments.addressed().iter().all(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }))
+    }
+
+    /// Whether mocks on this machine stand for its instruments: nothing at these addresses outlives the process that serves them.
+    pub fn is_mocked(&self) -> bool {
+        self.simulation.is_some() && self.instruments.addressed().iter().all(|(_, instrument)| resolve_bench::is_local(&instrument.address))
+    }
+
+    /// How bench time runs.
+    pub fn time(&self) -> TimeMode {
+        self.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time)
+    }
+}
+
+/// When the guardian steps in. Both are seconds on the wall.
+#[derive(Debug, Clone, Copy)]
+pub struct Guardian {
+    /// Without a word from the daemon for so long, s, the guardian ends it and switches off.
+    pub lease_s: f64,
+    /// The daemon may compute for so long between two waits, s: after that it counts as hung, and the lease is not renewed.
+    pub stall_s: f64,
+}
+
+/// How the daemon holds a bath with relays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thermostat {
+    /// So far from the set-point a relay is on all the time, K.
+    pub band_k: f64,
+    /// Time in which a standing error doubles its effect, s.
+    pub integral_s: f64,
+    /// A relay is switched on once in it, s.
+    pub window_s: f64,
+    /// Without a reading for longer the run is stopped, s.
+    pub stale_s: f64,
+    /// What the sensor shows too much, K.
+    pub sensor_offset_k: f64,
+}
+
+/// What a run asks of the last report of `eis-bench doctor`.
+#[derive(Debug, Clone, Copy)]
+pub struct Doctor {
+    /// Without a valid report nothing is energised; else its want is remarked.
+    pub required: bool,
+    /// A report is valid for so long, s.
+    pub valid_for_s: f64,
+}
+
+/// The instruments by role.
+#[derive(Debug, Clone, Default)]
+pub struct Instruments {
+    /// Bipolar supply.
+    pub supply4q: Option<Instrument>,
+    /// Signal generator.
+    pub generator: Option<Instrument>,
+    /// Oscilloscope.
+    pub scope: Option<Instrument>,
+    /// DC load.
+    pub load: Option<Instrument>,
+    /// DC supply.
+    pub supply: Option<Instrument>,
+    /// Chiller.
+    pub chiller: Option<Instrument>,
+    /// Temperature logger, with the channels of cell and air.
+    pub logger: Option<(Instrument, u16, Option<u16>)>,
+    /// What changes the fixture: a device, or a person.
+    pub jig: Option<Jig>,
+}
+
+impl Instruments {
+    /// The same with one role only.
+    #[must_use]
+    pub fn only(&self, role: &str) -> Self {
+        let keep = |name: &str, instrument: &Option<Instrument>| instrument.clone().filter(|_| name == role);
+        Self {
+            supply4q: keep("supply4q", &self.supply4q),
+            generator: keep("generator", &self.generator),
+            scope: keep("scope", &self.scope),
+            load: keep("load", &self.load),
+            supply: keep("supply", &self.supply),
+            chiller: keep("chiller", &self.chiller),
+            logger: self.logger.clone().filter(|_| role == "logger"),
+            jig: self.jig.clone().filter(|_| role == "jig"),
+        }
+    }
+
+    /// Every instrument with an address, in a fixed order.
+    pub fn addressed(&self) -> Vec<(&'static str, &Instrument)> {
+        let jig = match &self.jig {
+            Some(Jig::Device(instrument)) => Some(instrument),
+            Some(Jig::Person) | None => None,
+        };
+        [
+            ("supply4q", self.supply4q.as_ref()),
+            ("generator", self.generator.as_ref()),
+            ("scope", self.scope.as_ref()),
+            ("load", self.load.as_ref()),
+            ("supply", self.supply.as_ref()),
+            ("chiller", self.chiller.as_ref()),
+            ("logger", self.logger.as_ref().map(|(instrument, _, _)| instrument)),
+            ("jig", jig),
+        ]
+        .into_iter()
+        .filter_map(|(role, instrument)| instrument.map(|instrument| (role, instrument)))
+        .collect()
+    }
+}
+
+/// A model at an address.
+#[derive(Debug, Clone)]
+pub struct Instrument {
+    /// Key of the dialect.
+    pub model: String,
+    /// Where it is reached.
+    pub address: Address,
+    /// What the identity of another model contains that is to be spoken to as this one all the same.
+    pub accept: Option<String>,
+}
+
+impl Instrument {
+    /// Whether it is to be spoken to as this model although it answers as another one.
+    pub fn accepts(&self, identity: &str) -> bool {
+        self.accept.as_deref().is_some_and(|text| !text.is_empty() && identity.contains(text))
+    }
+}
+
+/// Who changes the fixture.
+#[derive(Debug, Clone)]
+pub enum Jig {
+    /// A person, asked on the terminal.
+    Person,
+    /// A device.
+    Device(Instrument),
+}
+
+/// How the bench is wired.
+#[derive(Debug, Clone)]
+pub struct Wiring {
+    /// Output of the generator in use.
+    pub generator_channel: u8,
+    /// Factor on the generator's amplitude that makes the current right.
+    pub command_trim: f64,
+    /// Offset of the generator that brings the mean current to zero, V.
+    pub command_offset_v: f64,
+    /// The current shunt.
+    pub shunt: KnownImpedance,
+    /// Vertical scale of channels 1…4 for one ampere of amplitude, V per division.
+    pub scale_per_ampere_v: [f64; 4],
+}
+
+/// A simulation behind the addresses.
+#[derive(Debug, Clone)]
+pub struct Simulation {
+    /// The scenario file.
+    pub scenario: PathBuf,
+    /// How bench time runs.
+    pub time: TimeMode,
+    /// What goes wrong between the simulated instruments and their client.
+    pub faults: Option<Schedule>,
+    /// What a mock is told to do differently, by role.
+    pub quirks: BTreeMap<&'static str, Quirks>,
+}
