@@ -4,8 +4,9 @@ use std::fs;
 
 use analysis::dataset::RunIndex;
 use bench_daemon::command::run::{Finished, run_experiment};
+use instruments::transcript::{Direction, Payload, Record};
 
-use crate::support::{EXPERIMENT, Files, SCENARIO, json};
+use crate::support::{EXPERIMENT, Files, SCENARIO, json, transcript};
 
 fn run(files: &Files) -> Finished {
     run_experiment(&files.load(), &files.path("run")).unwrap()
@@ -113,4 +114,26 @@ fn the_bench_is_not_looked_at_beyond_what_its_supply_follows() {
     let text =
         "fixture_check.beyond: expected at most 3000 Hz, up to which the bipolar supply kepco-bop-mg follows its command, found 5000 Hz";
     assert!(refused.contains(text), "{refused}");
+}
+
+#[test]
+fn the_bipolar_supply_goes_off_only_when_the_least_sine_has_taken_the_place_of_the_current() {
+    let files = swept(2, "");
+    run(&files);
+    let of = |role: &str| transcript(&files.path("run"), role).records.into_iter().filter(|record| record.direction == Direction::Sent);
+    let text = |record: Record| match record.payload {
+        Payload::Text(text) => (record.time_s, text),
+        Payload::Block(block) => (record.time_s, block.prefix),
+    };
+    let sines: Vec<(f64, String)> = of("generator").map(text).filter(|(_, text)| text.contains("WVTP,SINE")).collect();
+    let (mut on, mut ended) = (false, 0);
+    for (time_s, message) in of("supply4q").map(text).filter(|(_, text)| text.starts_with("OUTP O")) {
+        if message == "OUTP OFF" && std::mem::take(&mut on) {
+            let (_, sine) = sines.iter().rfind(|(sent_s, _)| *sent_s < time_s).unwrap();
+            assert!(sine.contains("AMP,0.0020,"), "off at {time_s} s under {sine}");
+            ended += 1;
+        }
+        on |= message == "OUTP ON";
+    }
+    assert!(ended >= 3, "two controls and the cell: {ended}");
 }
