@@ -219,7 +219,7 @@ impl<'a> Executor<'a> {
                 self.recorder.event(&step.to_string())?;
             }
             self.look_ahead((number, stage), index, |at, step| entrance.plays(stage, (at, step)));
-            self.progress.begin(&stage.purpose.to_string(), step);
+            self.progress.begin(&stage.title(), step);
             self.interlock.begin(allowance, self.clock.machine_s());
             if let Step::Mount(other) = *step {
                 fixture = other;

@@ -38,6 +38,14 @@ pub enum JournalError {
         /// What the system says.
         source: io::Error,
     },
+    /// A folder without one.
+    #[error("{path}: cannot be read: {source}; expected the folder of a run", path = path.display())]
+    Unread {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
     /// A line that is not as it was written.
     #[error("{path}:{line}: expected {expected}, found {found}", path = path.display())]
     Line {
@@ -345,7 +353,7 @@ pub struct Read {
 /// A file that cannot be read; a whole line that is not as it was written.
 pub fn read(folder: &Path) -> Result<Read, JournalError> {
     let path = folder.join(JOURNAL);
-    let bytes = std::fs::read(&path).map_err(|source| JournalError::Io { path: path.clone(), what: "cannot be read", source })?;
+    let bytes = std::fs::read(&path).map_err(|source| JournalError::Unread { path: path.clone(), source })?;
     let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
     let mut lines = Vec::new();
     for (index, text) in String::from_utf8_lossy(&bytes[..whole]).lines().enumerate() {

@@ -83,6 +83,14 @@ impl Progress {
         }
     }
 
+    /// Something that holds until the next step begins.
+    pub fn say(&self, text: &str) {
+        self.bar.set_message(text.to_owned());
+        if !self.terminal {
+            remark!("{text}");
+        }
+    }
+
     /// A step ended.
     pub fn end(&self, step: &Step) {
         if let Step::Mount(fixture) = *step {

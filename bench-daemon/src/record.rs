@@ -67,7 +67,7 @@ pub enum RecordError {
         found: String,
     },
     /// The folder is already in use.
-    #[error("{path}: expected a new or empty folder, found files in it; choose another with --out", path = path.display())]
+    #[error("{path}: expected a new or empty folder, found files in it; choose another with --out, or go on with that run: `eis-bench resume {path}`", path = path.display())]
     NotEmpty {
         /// The folder.
         path: PathBuf,

@@ -80,7 +80,7 @@ pub enum Failure {
     #[error("the doctor found what must be mended first: {0}")]
     Doctor(String),
     /// Ctrl-C, or another request to stop.
-    #[error("stopped on request; the bench is in safe state, finished points are in {0}")]
+    #[error("stopped on request; the bench is in safe state, finished points are in {0}, and `eis-bench resume {0}` goes on")]
     Interrupted(String),
     /// A mistake of the program.
     #[error("a mistake of the program ended the run, please report it: {0}")]

@@ -18,7 +18,7 @@ pub enum ExecuteError {
     #[error(transparent)]
     Operator(#[from] OperatorError),
     /// A person wants the run to end.
-    #[error("ended on request")]
+    #[error("ended on request; `eis-bench resume` with the run folder goes on")]
     Aborted,
     /// A step reached its upper bound.
     #[error("{step}: not reached within {max_s:.0} s ({state})")]

@@ -40,6 +40,7 @@ impl Executor<'_> {
         self.recorder.journal(Entry::Safe)?;
         self.recorder.journal(Entry::Paused)?;
         self.recorder.event("paused on request: every output is off")?;
+        self.progress.say("paused on request: every output is off; `eis-bench go-on` with the run folder lets it go on");
         let nothing = self.allowance(fixture, &Step::Pause { span_s: 0.0 });
         self.interlock.begin(nothing, self.clock.machine_s());
         while self.paused(true)? {
@@ -47,6 +48,7 @@ impl Executor<'_> {
             self.watch_idle("paused", fixture).await?;
         }
         self.recorder.journal(Entry::GoneOn)?;
+        self.progress.say("goes on on request");
         Ok(self.recorder.event("goes on on request")?)
     }
 

@@ -26,6 +26,12 @@ impl Stage {
         self.of_campaign().map(|(_, run)| run)
     }
 
+    /// What it is for; in a campaign also which run and which cell it belongs to.
+    pub fn title(&self) -> String {
+        let of_run = self.of_campaign().map(|(specimen, run)| format!("run {run}, cell {}: ", specimen.name));
+        format!("{}{}", of_run.unwrap_or_default(), self.purpose)
+    }
+
     fn of_campaign(&self) -> Option<(&Arc<Specimen>, usize)> {
         self.steps.iter().find_map(|step| if let Step::Specimen(specimen, run) = step { Some((specimen, *run)) } else { None })
     }

@@ -167,5 +167,7 @@ fn summary(
     if recorder.path("report.html").exists() {
         lines.push(format!("report:     {}", recorder.path("report.html").display()));
     }
+    // What has nothing to say leaves no gap.
+    lines.dedup_by(|line, before| line.is_empty() && before.is_empty());
     lines.join("\n") + "\n"
 }
