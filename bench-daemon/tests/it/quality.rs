@@ -75,7 +75,7 @@ fn a_large_sinusoid_through_butler_and_volmer_is_flagged_as_distorted_a_small_on
         let (finished, index, _) = run(&files);
         let flagged = &index.sweeps[0].flagged;
         let reasons: Vec<&String> = flagged.iter().flat_map(|point| &point.reasons).collect();
-        let met = reasons.iter().any(|reason| reason.starts_with("distortion: expected at most 1.00 %, found "));
+        let met = reasons.iter().any(|reason| reason.starts_with("distortion: expected at most 1.0 %, found "));
         assert_eq!(met, distorted, "{amplitude} {more}: {flagged:#?}");
         assert_eq!(finished.summary.contains("flagged by the quality gate after 2 records: distortion"), distorted, "{}", finished.summary);
     }
