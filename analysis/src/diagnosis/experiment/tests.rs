@@ -1,6 +1,7 @@
 use super::menu::{Campaign, menu};
 use super::separate::{View, separation_chi2};
-use super::{BenchLimits, Open, Planned, PlannedRun, Playable, recommend};
+use super::open::Open;
+use super::{BenchLimits, Planned, PlannedRun, Playable, recommend};
 use crate::diagnosis::block::Desk;
 use crate::diagnosis::data::{DataSet, Fixture, RunData};
 use crate::diagnosis::gate::tests::sim::{Hidden, campaign, model};
@@ -63,7 +64,7 @@ fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> (Fit, Selectio
 fn an_inductance_is_told_from_a_skew_by_a_shunt() {
     let p = prepared(&cell_runs(inductive));
     let (base, selection) = selected(&p, 1e3, &["inductance", "time_skew"]);
-    let (next, runs) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None)).unwrap();
+    let (next, runs) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None)).next.unwrap();
     assert!(next.name.starts_with("shunt_sweep"), "{next:?}");
     let mut apart = next.separates.clone();
     apart.sort_unstable();
@@ -84,7 +85,7 @@ fn what_cannot_be_played_is_not_recommended() {
         seen.lock().unwrap().push((name.to_owned(), runs.len()));
         !name.starts_with("shunt")
     });
-    let next = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, Some(&playable)));
+    let next = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, Some(&playable))).next;
     assert!(next.is_none_or(|(next, _)| !next.name.starts_with("shunt")));
     assert!(asked.lock().unwrap().contains(&("shunt_sweep".to_owned(), 1)));
     // Of one shunt only that one can be swept.
@@ -98,7 +99,7 @@ fn what_cannot_be_played_is_not_recommended() {
 fn what_is_too_weak_to_be_certain_is_to_be_seen_better() {
     let p = prepared(&cell_runs(weakly_inductive));
     let (base, selection) = selected(&p, 60.0, &["inductance"]);
-    let (next, _) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None)).unwrap();
+    let (next, _) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None)).next.unwrap();
     assert_eq!(next.separates, ["inductance"]);
     assert!(next.separation_sigma > next.separation_now_sigma, "{next:?}");
 }
@@ -109,9 +110,9 @@ fn what_is_settled_needs_no_experiment() {
     let base = p.problem.fit(&Structure::default(), &model().erm, &mut Desk::default());
     let nothing = Selection::nothing(&base);
     for verdict in [Verdict::AtNoiseFloor, Verdict::Explained, Verdict::Invalid] {
-        assert!(recommend(&p, verdict, (&base, &nothing), (None, None)).is_none(), "{verdict:?}");
+        assert!(recommend(&p, verdict, (&base, &nothing), (None, None)).next.is_none(), "{verdict:?}");
     }
-    let (next, runs) = recommend(&p, Verdict::Unexplained, (&base, &nothing), (None, None)).unwrap();
+    let (next, runs) = recommend(&p, Verdict::Unexplained, (&base, &nothing), (None, None)).next.unwrap();
     assert_eq!((next.name, runs[0].repeat_group.as_str(), runs.len()), ("sentinel_repeat", "eis", 1));
     assert!(next.description.contains("run eis_0 once more"), "{}", next.description);
 }
@@ -183,6 +184,9 @@ fn the_menu_keeps_to_limits_and_range() {
             "square_waves",
             "minor_loops",
             "equal_charge_pulses",
+            "range_walk",
+            "range_walk",
+            "range_walk",
             "sentinel_repeat",
         ]
     );
@@ -235,6 +239,6 @@ fn nothing_refused_and_nothing_named_leaves_nothing_open() {
     let p = prepared(&cell_runs(storage));
     let base = p.problem.fit(&Structure::default(), &model().erm, &mut Desk::default());
     for verdict in [Verdict::Ambiguous, Verdict::Unexplained] {
-        assert!(Open::new((&p.problem, true), verdict, &base, &Selection::nothing(&base)).pairs.is_empty());
+        assert!(Open::new(true, verdict, (&[], &Selection::nothing(&base)), &mut Desk::default()).pairs.is_empty());
     }
 }
