@@ -68,7 +68,11 @@ impl MenuItem {
     pub(super) fn and(&self, other: &Self) -> Self {
         let mut both = self.clone();
         let (orders, later_s) = (self.runs.iter().map(|run| run.repeat as u32).sum::<u32>(), 60.0 * self.duration_min());
-        both.runs.extend(other.runs.iter().map(|run| PlannedRun { order: run.order + orders, start_s: run.start_s + later_s, ..run.clone() }));
+        both.runs.extend(other.runs.iter().map(|run| PlannedRun {
+            order: run.order + orders,
+            start_s: run.start_s + later_s,
+            ..run.clone()
+        }));
         both.description = format!("{}; then {}", self.description, other.description);
         both
     }
@@ -317,7 +321,8 @@ fn range_walk(campaign: &Campaign<'_>, (low, high): (f64, f64)) -> Option<MenuIt
     let legs = legs.into_iter().filter(|leg| leg.0 > 0.0).flat_map(|leg| [leg, (WALK_REST_S, 0.0)]);
     let segments = std::iter::once((2.0, 0.0)).chain(legs).collect();
     let (lowest, highest) = (100.0 * (campaign.soc - down), 100.0 * (campaign.soc + up));
-    let words = format!("{amps:.1} A down to {lowest:.0} %, up to {highest:.0} % state of charge and back to the start, with rests between");
+    let words =
+        format!("{amps:.1} A down to {lowest:.0} %, up to {highest:.0} % state of charge and back to the start, with rests between");
     (amps > 0.0).then(|| campaign.trace("range_walk", words, segments)).flatten()
 }
 

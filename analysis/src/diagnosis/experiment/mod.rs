@@ -58,6 +58,26 @@ impl Planner<'_> {
         self.playable.is_none_or(|playable| playable(item.name, &item.runs))
     }
 
+    /// The best of some items, and what none of them would tell.
+    fn choose(&mut self, items: Vec<MenuItem>, desk: &mut Desk) -> Advice {
+        let mut all: Vec<Rated> = items.into_iter().filter_map(|item| self.rated(item, 1, desk)).collect();
+        let thens: Vec<&[f64]> = all.iter().map(|r| r.then.as_slice()).collect();
+        let inseparable = self.open.leave_out(&thens, MOST_TIMES);
+        all.sort_by(|a, b| self.order(a, b));
+        let mut best: Vec<Rated> = all.iter().take(REFINED).filter_map(|first| self.repeated(first, desk)).collect();
+        best.sort_by(|a, b| self.order(a, b));
+        let Some(mut best) = best.into_iter().next() else { return Advice { next: None, inseparable } };
+        if self.open.least(&best.then) < 1.0 {
+            best = self.joined(&best, &all, desk).unwrap_or(best);
+        }
+        let open = &self.open;
+        let moved = open.moved(&best.then);
+        let least = |lambdas: &[f64]| moved.iter().map(|k| lambdas[*k]).fold(f64::INFINITY, f64::min);
+        let expected = (least(&best.then), least(&open.now));
+        let next = (!moved.is_empty()).then(|| told(best.item, open.names(&moved), expected, open.all_settled(&best.then)));
+        Advice { next, inseparable }
+    }
+
     fn rated(&self, item: MenuItem, steps: usize, desk: &mut Desk) -> Option<Rated> {
         let planned = self.prepared.planned(&item.runs, desk).ok()?;
         let then = self.open.lambdas(Some(&planned), steps, desk);
@@ -134,21 +154,7 @@ pub(super) fn recommend(
     }
     let mut items: Vec<MenuItem> = menu(&campaign).into_iter().filter(|item| planner.allowed(item)).collect();
     items.dedup_by(|later, first| later.name == first.name);
-    let mut all: Vec<Rated> = items.into_iter().filter_map(|item| planner.rated(item, 1, &mut desk)).collect();
-    let inseparable = planner.open.leave_out(all.iter().map(|r| r.then.as_slice()), MOST_TIMES);
-    all.sort_by(|a, b| planner.order(a, b));
-    let mut best: Vec<Rated> = all.iter().take(REFINED).filter_map(|first| planner.repeated(first, &mut desk)).collect();
-    best.sort_by(|a, b| planner.order(a, b));
-    let Some(mut best) = best.into_iter().next() else { return Advice { next: None, inseparable } };
-    if planner.open.least(&best.then) < 1.0 {
-        best = planner.joined(&best, &all, &mut desk).unwrap_or(best);
-    }
-    let open = &planner.open;
-    let moved = open.moved(&best.then);
-    let least = |lambdas: &[f64]| moved.iter().map(|k| lambdas[*k]).fold(f64::INFINITY, f64::min);
-    let expected = (least(&best.then), least(&open.now));
-    let next = (!moved.is_empty()).then(|| told(best.item, open.names(&moved), expected, open.all_settled(&best.then)));
-    Advice { next, inseparable }
+    planner.choose(items, &mut desk)
 }
 
 fn told(item: MenuItem, separates: Vec<&'static str>, (then, now): (f64, f64), settles: bool) -> Recommended {

@@ -39,12 +39,7 @@ pub(super) struct Pair {
 impl<'a> Open<'a> {
     /// Each named effect against its closest rivals, and against its absence (`without`, in the order of the names) where it is too weak to be certain;
     /// without any of these what was refused last.
-    pub(super) fn new(
-        measured: bool,
-        verdict: Verdict,
-        (without, selection): (&'a [Option<Fit>], &'a Selection),
-        desk: &mut Desk,
-    ) -> Self {
+    pub(super) fn new(measured: bool, verdict: Verdict, (without, selection): (&'a [Option<Fit>], &'a Selection), desk: &mut Desk) -> Self {
         let mut open = Self { fits: Vec::new(), pairs: Vec::new(), now: Vec::new(), within_reach: Vec::new() };
         for (taken, without) in selection.taken.iter().zip(without) {
             let found = taken.evidence.lambda;
@@ -137,8 +132,8 @@ impl<'a> Open<'a> {
 
     /// Leaves pairs out that no run settles however often it is repeated, and names them. λ grows no faster than the number of repeats: what is refitted
     /// is the least of a sum that is linear in it.
-    pub(super) fn leave_out<'b>(&mut self, thens: impl Iterator<Item = &'b [f64]> + Clone, most: usize) -> Vec<[&'static str; 2]> {
-        let hopeless = |k: &usize| thens.clone().all(|then| LINEAR * most as f64 * self.growth(*k, then) < 1.0);
+    pub(super) fn leave_out(&mut self, thens: &[&[f64]], most: usize) -> Vec<[&'static str; 2]> {
+        let hopeless = |k: &usize| thens.iter().all(|then| LINEAR * most as f64 * self.growth(*k, then) < 1.0);
         let (out, within): (Vec<usize>, Vec<usize>) = (0..self.pairs.len()).partition(hopeless);
         if !within.is_empty() {
             self.within_reach = within;

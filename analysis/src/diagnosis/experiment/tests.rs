@@ -1,6 +1,6 @@
 use super::menu::{Campaign, menu};
-use super::separate::{View, separation_chi2};
 use super::open::Open;
+use super::separate::{View, separation_chi2};
 use super::{BenchLimits, Planned, PlannedRun, Playable, recommend};
 use crate::diagnosis::block::Desk;
 use crate::diagnosis::data::{DataSet, Fixture, RunData};
@@ -241,4 +241,36 @@ fn nothing_refused_and_nothing_named_leaves_nothing_open() {
     for verdict in [Verdict::Ambiguous, Verdict::Unexplained] {
         assert!(Open::new(true, verdict, (&[], &Selection::nothing(&base)), &mut Desk::default()).pairs.is_empty());
     }
+}
+
+#[test]
+fn a_second_run_comes_after_all_repeats_of_the_first_and_only_one_is_a_sweep() {
+    let p = prepared(&cell_runs(storage));
+    let items = menu(&Campaign::new(&p.problem, None));
+    let item = |name: &str| items.iter().find(|i| i.name == name).unwrap();
+    let (loops, log, shunt) = (item("minor_loops"), item("zero_current_log"), item("shunt_sweep"));
+    let both = loops.times(2).and(log);
+    let [first, second] = both.runs.as_slice() else { panic!("two runs") };
+    assert_eq!((first.repeat, second.order), (6, first.order + 6));
+    assert!((second.start_s - first.start_s - first.duration_s()).abs() < 1e-6);
+    assert!((both.duration_min() - loops.times(2).duration_min() - log.duration_min()).abs() < 1e-9);
+    assert!(loops.joins(log) && loops.joins(shunt));
+    for (one, other) in [(shunt, item("eis_larger_amplitude")), (loops, loops), (loops, item("eis_lower_soc"))] {
+        assert!(!one.joins(other), "{} and {}", one.name, other.name);
+    }
+}
+
+#[test]
+fn what_no_run_brings_forward_is_named_and_does_not_count() {
+    let p = prepared(&cell_runs(inductive));
+    let (_, selection) = selected(&p, 1e3, &["inductance", "time_skew", "rc_slow"]);
+    let mut open = Open::new(true, Verdict::Ambiguous, (&[None], &selection), &mut Desk::default());
+    let more = |by: f64| open.now.iter().map(|l| l + by).collect::<Vec<f64>>();
+    // A lead of 14 in all but one of twenty cases, of an effect that may be weaker, needs 36.5: eight times five.
+    let (now, some, mut then) = (open.now.clone(), more(5.0), more(1e4));
+    assert_eq!((open.times(&now, &some, 16), open.times(&now, &then, 16)), (8, 1));
+    (then[0], then[1]) = (now[0], now[1]);
+    assert_eq!(open.least(&then), 0.0);
+    assert_eq!(open.leave_out(&[then.as_slice()], 16), [["inductance", "time_skew"]]);
+    assert!(open.least(&then) >= 1.0 && !open.all_settled(&then));
 }
