@@ -16,7 +16,7 @@ use super::problem::{Fit, Problem};
 use super::select::{Search, Selection, excess_z};
 use super::structure::Structure;
 use super::whitening::dot;
-use crate::effects::{Effect, Facts, catalogue, find};
+use crate::effects::{Effect, Facts, catalogue};
 use crate::fit::linalg::{cholesky, cholesky_substitute};
 use crate::model::Erm;
 use num_complex::Complex64;
@@ -116,8 +116,9 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
     let held_out_z = held_out_z(problem, &selection.fit, &mut desk);
     judge(&mut d, &selection, (moved, held_out_z));
     let curves = curves(&prepared, &model.erm, (&base, &selection.fit), &mut desk);
-    let Advice { next, inseparable } = recommend(&prepared, d.verdict, (&base, &selection), (options.limits, options.playable.as_ref()));
-    d.notes.extend(inseparable.iter().map(no_run_tells));
+    let advice = recommend(&prepared, d.verdict, (&base, &selection), (options.limits, options.playable.as_ref()));
+    d.notes.extend(advice.notes());
+    let Advice { next, inseparable } = advice;
     d.inseparable = inseparable;
     if next.is_none() && matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) {
         d.notes.push("no run of the menu would tell apart what is open".to_owned());
@@ -251,16 +252,6 @@ fn judge(d: &mut Diagnosis, selection: &Selection, (moved, held_out_z): (Option<
         (false, true) => (Verdict::Unexplained, "Something is missing that no effect of the catalogue explains.".to_owned()),
     };
     hint(d, selection);
-}
-
-/// What no run of the menu tells, and what would.
-fn no_run_tells([truth, other]: &[&'static str; 2]) -> String {
-    let Some(card) = find(truth).map(|e| e.card()) else { return format!("no run of the menu tells {truth} from {other}") };
-    if other.is_empty() {
-        return format!("{}: its signal is too small for any run of the menu to make it certain", card.title);
-    }
-    let other = find(other).map_or(*other, |e| e.card().title);
-    format!("no run of the menu, however often it is repeated, tells {} from {other}; what would: {}", card.title, card.experiment)
 }
 
 /// What would help but may not be named.

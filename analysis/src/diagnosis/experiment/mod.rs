@@ -15,6 +15,7 @@ use super::outcome::{NextExperiment, Verdict};
 use super::prepare::Prepared;
 use super::problem::Fit;
 use super::select::Selection;
+use crate::effects::find;
 use menu::{Campaign, MenuItem, menu, sentinel_repeat};
 use open::{Open, absences};
 
@@ -38,6 +39,22 @@ pub(super) struct Advice {
     pub(super) next: Option<Recommended>,
     /// A truth and what would imitate it in every run; the second is empty where a name would never become certain.
     pub(super) inseparable: Vec<[&'static str; 2]>,
+}
+
+impl Advice {
+    /// In words: what no run tells, and which experiment outside the menu would.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let title = |name: &'static str| find(name).map_or(name, |e| e.card().title);
+        let note = |pair: &[&'static str; 2]| {
+            let [truth, other] = *pair;
+            if other.is_empty() {
+                return format!("{}: its signal is too small for any run of the menu to make it certain", title(truth));
+            }
+            let would = find(truth).map_or("", |e| e.card().experiment);
+            format!("no run of the menu, however often it is repeated, tells {} from {}; what would: {would}", title(truth), title(other))
+        };
+        self.inseparable.iter().map(note).collect()
+    }
 }
 
 /// An item with what it would tell: λ of each pair.

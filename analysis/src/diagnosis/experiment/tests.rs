@@ -1,7 +1,7 @@
 use super::menu::{Campaign, menu};
 use super::open::Open;
 use super::separate::{View, separation_chi2};
-use super::{BenchLimits, Planned, PlannedRun, Playable, recommend};
+use super::{Advice, BenchLimits, Planned, PlannedRun, Playable, recommend};
 use crate::diagnosis::block::Desk;
 use crate::diagnosis::data::{DataSet, Fixture, RunData};
 use crate::diagnosis::gate::tests::sim::{Hidden, campaign, model};
@@ -273,4 +273,18 @@ fn what_no_run_brings_forward_is_named_and_does_not_count() {
     assert_eq!(open.least(&then), 0.0);
     assert_eq!(open.leave_out(&[then.as_slice()], 16), [["inductance", "time_skew"]]);
     assert!(open.least(&then) >= 1.0 && !open.all_settled(&then));
+}
+
+#[test]
+fn what_no_run_tells_is_said_with_what_would() {
+    let inseparable = vec![["current_gain", "voltage_gain"], ["inductance", ""]];
+    let notes = Advice { next: None, inseparable }.notes();
+    assert_eq!(
+        notes,
+        [
+            "no run of the menu, however often it is repeated, tells gain error of the current channel from gain error of the voltage channel; what would: \
+             the same shunt through both instruments",
+            "series inductance: its signal is too small for any run of the menu to make it certain",
+        ]
+    );
 }
