@@ -69,6 +69,8 @@ pub struct Score {
     pub lambdas: Vec<f64>,
     /// Rivals with their score less that of the named one, and r.
     pub gaps: Vec<(&'static str, f64, f64)>,
+    /// What no run of the menu would tell: an effect and what imitates it.
+    pub inseparable: Vec<[&'static str; 2]>,
     /// The runs that an ambiguous end asked for, in the order in which they were played.
     pub recommended: Vec<Recommended>,
 }
@@ -90,6 +92,8 @@ pub struct Recommended {
     pub named: Vec<(&'static str, f64)>,
     /// Rivals given then, with their score less that of the named one.
     pub rivals: Vec<(&'static str, f64)>,
+    /// What no run of the menu would tell then.
+    pub inseparable: Vec<[&'static str; 2]>,
     /// Summary and notes then.
     pub notes: Vec<String>,
 }
@@ -160,6 +164,7 @@ fn recommended(truth: &[&str], before: &Outcome, after: &Outcome) -> Option<Reco
         settled: end(Some(d.verdict), truth, &named, &rivals),
         named: d.effects.iter().map(|e| (e.name, e.evidence.lambda)).collect(),
         rivals: d.rivals.iter().map(|r| (r.name, r.score_gap)).collect(),
+        inseparable: d.inseparable.clone(),
         notes: std::iter::once(&d.summary).chain(&d.notes).cloned().collect(),
     })
 }
@@ -252,6 +257,7 @@ fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, clos
         notes: d.map_or(Vec::new(), |d| std::iter::once(&d.summary).chain(&d.notes).cloned().collect()),
         lambdas: d.map_or(Vec::new(), |d| d.effects.iter().map(|e| e.evidence.lambda).collect()),
         gaps: d.map_or(Vec::new(), |d| d.rivals.iter().map(|r| (r.name, r.score_gap, r.discriminability)).collect()),
+        inseparable: d.map_or(Vec::new(), |d| d.inseparable.clone()),
         recommended: Vec::new(),
     }
 }
