@@ -305,5 +305,5 @@ pub(crate) fn every(kills: &[String], (name, head): (&str, &str), crash: impl Fn
     let table = table.into_inner().unwrap();
     assert_eq!(table.len(), kills.len());
     let text: String = table.into_values().map(|row| row + "\n").collect();
-    write!(std::io::stderr(), "{head}\n{text}").unwrap();
+    std::io::stderr().write_all(format!("{head}\n{text}").as_bytes()).unwrap();
 }
