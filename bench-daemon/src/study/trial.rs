@@ -103,6 +103,8 @@ pub struct ParameterScore {
     pub truth: f64,
     /// Fitted value.
     pub value: f64,
+    /// Its standard deviation, where the data fix it.
+    pub sigma: Option<f64>,
     /// True where the 95 % interval holds the truth.
     pub covered: bool,
 }
@@ -219,7 +221,7 @@ fn parameter(effect: &LabelledEffect, d: &Diagnosis) -> Option<ParameterScore> {
     let fitted = d.effects.iter().find(|e| e.name == name)?.parameters.first()?;
     let truth = true_strength(effect)?;
     let covered = fitted.interval.0 <= truth && truth <= fitted.interval.1;
-    Some(ParameterScore { name: format!("{name}.{}", fitted.name), truth, value: fitted.value, covered })
+    Some(ParameterScore { name: format!("{name}.{}", fitted.name), truth, value: fitted.value, sigma: fitted.sigma, covered })
 }
 
 fn candidate(c: &Candidate) -> String {
