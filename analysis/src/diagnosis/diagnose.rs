@@ -87,12 +87,10 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
         base = base_fit(&prepared.problem, &model.erm, &mut desk);
         selection = if moved.is_some() { Selection::nothing(&base) } else { search(&prepared, options).run(&base) };
     }
+    let again = if selection.taken.is_empty() { None } else { Some(refitted(&prepared, &selection, guards)?) };
+    let (judged, last) = again.as_ref().map_or((&prepared, &selection), |(prepared, selection)| (prepared, selection));
     // The search may have met a deeper minimum of the base.
-    base = selection.base.clone();
-    let problem = &prepared.problem;
-    let before = localise(problem, &base, guards.tangent_projection, &mut desk);
-    let after = localise(problem, &selection.fit, guards.tangent_projection, &mut desk);
-    let quality = quality(problem, &base, &selection.fit);
+    let (problem, base, fit) = (&judged.problem, &last.base, &last.fit);
     let mut d = Diagnosis {
         schema: DIAGNOSIS_SCHEMA,
         schema_version: DIAGNOSIS_SCHEMA_VERSION,
@@ -100,27 +98,27 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
         model: model.name.clone(),
         verdict: Verdict::Unexplained,
         summary: String::new(),
-        effects: named(problem, &selection, &mut desk),
+        effects: named(problem, last, &mut desk),
         rivals: rivals(&selection),
-        blocks: before,
-        where_after: after,
-        gap: gaps(&prepared, &model.erm, (&base, &selection.fit), &mut desk),
-        gap_spectra: spectrum_gaps(problem, &model.erm, (&base, &selection.fit), &mut desk),
+        blocks: localise(problem, base, guards.tangent_projection, &mut desk),
+        where_after: localise(problem, fit, guards.tangent_projection, &mut desk),
+        gap: gaps(judged, &model.erm, (base, fit), &mut desk),
+        gap_spectra: spectrum_gaps(problem, &model.erm, (base, fit), &mut desk),
         next_experiment: None,
         inseparable: Vec::new(),
         notes: Vec::new(),
-        quality,
-        noise: noise_report(&prepared),
+        quality: quality(problem, base, fit),
+        noise: noise_report(judged),
         ranking: selection.ranking.clone(),
         base: Some(base.decode(problem.branches()).0),
-        augmented: Some(selection.fit.decode(problem.branches()).0),
+        augmented: Some(fit.decode(problem.branches()).0),
     };
-    let held_out_z = held_out_z(problem, &selection.fit, &mut desk);
-    let asked = guards.consistency && measured(&prepared);
-    let differs = if asked { inconsistencies(problem, (&base, &selection.fit), &mut desk) } else { Vec::new() };
+    let held_out_z = held_out_z(problem, fit, &mut desk);
+    let asked = guards.consistency && measured(judged);
+    let differs = if asked { inconsistencies(problem, (base, fit), &mut desk) } else { Vec::new() };
     judge(&mut d, &selection, Doubts { moved, held_out_z, differs });
-    let curves = curves(&prepared, &model.erm, (&base, &selection.fit), &mut desk);
-    let advice = recommend(&prepared, d.verdict, (&base, &selection), (options.limits, options.playable.as_ref()));
+    let curves = curves(judged, &model.erm, (base, fit), &mut desk);
+    let advice = recommend(&prepared, d.verdict, (&selection.base, &selection), (options.limits, options.playable.as_ref()));
     d.notes.extend(advice.notes());
     let Advice { next, inseparable } = advice;
     d.inseparable = inseparable;
@@ -130,6 +128,16 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
     let (next_experiment, next_runs) = next.unzip();
     d.next_experiment = next_experiment;
     Ok(Outcome { diagnosis: d, curves, facts: Some(prepared.problem.base.facts), next_runs: next_runs.unwrap_or_default() })
+}
+
+/// Base and named effects fitted again under noise that is taken about the cell with its effects: a scatter of all resistances spares a contact, and what
+/// a wrong current does to the voltage hangs on what is missing in the base.
+fn refitted(prepared: &Prepared, selection: &Selection, guards: Guards) -> Result<(Prepared, Selection), DataSetError> {
+    let prepared = prepared.clone().again(&selection.fit, guards)?;
+    let mut desk = Desk::default();
+    let mut again = |fit: &Fit| prepared.problem.fit_from(&fit.structure, fit.x.clone(), fit.axes.clone(), &mut desk);
+    let selection = Selection { base: again(&selection.base), fit: again(&selection.fit), ..selection.clone() };
+    Ok((prepared, selection))
 }
 
 /// The base refitted to spectra and training records: from the model, and from other time constants where that does not reach the floor.

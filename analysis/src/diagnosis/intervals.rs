@@ -10,7 +10,7 @@ use crate::effects::Scale;
 /// 97.5 % quantile of the normal distribution.
 const TWO_SIDED_95: f64 = 1.959_964;
 /// Refits to find one end at most.
-const MOST_REFITS: usize = 5;
+const MOST_REFITS: usize = 8;
 /// How near to the quantile an end must lie, in standard deviations.
 const NEAR: f64 = 0.1;
 
@@ -66,28 +66,34 @@ fn with_free_shapes(problem: &Problem, fit: &Fit, member: usize, desk: &mut Desk
     problem.fit(&structure, &erm, desk)
 }
 
-/// One end of a coordinate's interval, on the side of the sign; its bound where the data leave it open.
+/// One end of a coordinate's interval, on the side of the sign; its bound where the data leave it open. Each refit begins where the last one within the
+/// interval ended: a valley that bends is followed, and not left for good by one long jump.
 fn end(problem: &Problem, fit: &Fit, (k, side): (usize, f64), covariance: Option<&[f64]>, desk: &mut Desk) -> f64 {
-    let n = fit.x.len();
     let axis = &fit.axes[k];
     let bound = if side > 0.0 { axis.upper } else { axis.lower };
     // Where everything else goes when this coordinate moves by 1.
-    let along = |j: usize| covariance.map_or(0.0, |c| c[j * n + k] / c[k * n + k]);
-    let mut reach = TWO_SIDED_95 * covariance.map_or(0.1 * (axis.upper - axis.lower), |c| c[k * n + k].sqrt());
+    let along = |j: usize| covariance.map_or(0.0, |c| c[j * fit.x.len() + k] / c[k * fit.x.len() + k]);
+    let mut inside = (fit.x.clone(), 0.0);
+    let mut step = TWO_SIDED_95 * covariance.map_or(0.1 * (axis.upper - axis.lower), |c| c[k * fit.x.len() + k].sqrt());
     for _ in 0..MOST_REFITS {
-        let at = (fit.x[k] + side * reach).clamp(axis.lower, axis.upper);
+        let from = inside.0[k];
+        let at = (from + side * step).clamp(axis.lower, axis.upper);
         let mut axes = fit.axes.clone();
         (axes[k].lower, axes[k].upper) = (at, at);
-        let x = (0..n).map(|j| (fit.x[j] + along(j) * (at - fit.x[k])).clamp(axes[j].lower, axes[j].upper)).collect();
-        let deviations = (problem.fit_from(&fit.structure, x, axes, desk).chi2 - fit.chi2).max(0.0).sqrt();
-        if at == bound && deviations <= TWO_SIDED_95 {
-            return bound;
+        let x = inside.0.iter().enumerate().map(|(j, x)| (x + along(j) * (at - from)).clamp(axes[j].lower, axes[j].upper)).collect();
+        let found = problem.fit_from(&fit.structure, x, axes, desk);
+        let deviations = (found.chi2 - fit.chi2).max(0.0).sqrt();
+        if (deviations - TWO_SIDED_95).abs() < NEAR || (at == bound && deviations <= TWO_SIDED_95) {
+            return at;
         }
-        let factor = TWO_SIDED_95 / deviations.max(0.1);
-        reach = (at - fit.x[k]).abs() * factor.clamp(0.3, 3.0);
-        if (deviations - TWO_SIDED_95).abs() < NEAR {
-            break;
+        // χ² is a parabola from the least: deviations grow in proportion.
+        let left = (TWO_SIDED_95 - inside.1) / (deviations - inside.1).max(0.1);
+        if deviations < TWO_SIDED_95 {
+            step = (at - from).abs() * (left - 1.0).clamp(0.05, 2.0);
+            inside = (found.x, deviations);
+        } else {
+            step = (at - from).abs() * left.clamp(0.1, 0.8);
         }
     }
-    (fit.x[k] + side * reach).clamp(axis.lower, axis.upper)
+    (inside.0[k] + side * step).clamp(axis.lower, axis.upper)
 }

@@ -107,6 +107,8 @@ pub struct ParameterScore {
     pub truth: f64,
     /// Fitted value.
     pub value: f64,
+    /// Its standard deviation, where the data fix it.
+    pub sigma: Option<f64>,
     /// True where the 95 % interval holds the truth.
     pub covered: bool,
 }
@@ -124,11 +126,11 @@ pub fn stratum_name(stratum: Stratum) -> &'static str {
     }
 }
 
-/// Plays one specification.
+/// Plays one specification; if asked to, with the runs that an ambiguous end recommends.
 ///
 /// # Errors
 /// A data set that cannot be used although nothing was damaged, or a model that cannot be fitted.
-pub fn play(stratum: Stratum, spec: &Spec) -> anyhow::Result<Score> {
+pub fn play(stratum: Stratum, spec: &Spec, follow_up: bool) -> anyhow::Result<Score> {
     let case = Case::new(spec);
     let set = convert::data_set(&case);
     let (outcome, model) =
@@ -143,7 +145,7 @@ pub fn play(stratum: Stratum, spec: &Spec) -> anyhow::Result<Score> {
     let lambda = if spec.corruption.is_none() && !spec.hidden.is_empty() { strength(spec, &case).ok() } else { None };
     let closed = closed(&case, &set, &model, &outcome);
     let mut asked = Vec::new();
-    if outcome.diagnosis.verdict == Verdict::Ambiguous {
+    if follow_up && outcome.diagnosis.verdict == Verdict::Ambiguous {
         let after = settle(spec, &set, &model, &outcome)?;
         let before = std::iter::once(&outcome).chain(&after);
         asked.extend(before.zip(&after).filter_map(|(before, after)| recommended(&truth(&case), before, after)));
@@ -224,7 +226,7 @@ fn parameter(effect: &LabelledEffect, d: &Diagnosis) -> Option<ParameterScore> {
     let fitted = d.effects.iter().find(|e| e.name == name)?.parameters.first()?;
     let truth = true_strength(effect)?;
     let covered = fitted.interval.0 <= truth && truth <= fitted.interval.1;
-    Some(ParameterScore { name: format!("{name}.{}", fitted.name), truth, value: fitted.value, covered })
+    Some(ParameterScore { name: format!("{name}.{}", fitted.name), truth, value: fitted.value, sigma: fitted.sigma, covered })
 }
 
 fn candidate(c: &Candidate) -> String {
