@@ -13,6 +13,7 @@ use crate::{
     hash,
     journal::JOURNAL,
     next_experiment::{Setting, experiment_file},
+    present::quoted,
     sums::SUMS,
     terminal::say,
 };
@@ -161,12 +162,12 @@ impl Judged {
 
     /// The command that gives the same diagnosis.
     fn again(&self) -> String {
-        let mut text = format!("eis-bench diagnose {} --model {}", self.data.display(), self.path.display());
+        let mut text = format!("eis-bench diagnose {} --model {}", quoted(&self.data), quoted(&self.path));
         if let Some(ocv) = &self.ocv {
-            text.push_str(&format!(" --ocv {}", ocv.display()));
+            text.push_str(&format!(" --ocv {}", quoted(ocv)));
         }
         if let Some(specimen) = &self.specimen {
-            text.push_str(&format!(" --specimen {specimen}"));
+            text.push_str(&format!(" --specimen {}", quoted(Path::new(specimen))));
         }
         text
     }
