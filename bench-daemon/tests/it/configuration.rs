@@ -305,7 +305,7 @@ fn limits_beyond_the_cells_own_are_refused_and_useless_ones_are_loudly_said() {
     ] {
         let said = plan(&bare().edit(CELL, from, to));
         said.expect_code(0);
-        let expected = format!("eis-bench: A LIMIT OF THE CELL IS TOO WIDE: {expected}");
+        let expected = format!("note: A LIMIT OF THE CELL IS TOO WIDE: {expected}");
         assert!(said.stderr.contains(&expected) && said.stderr.lines().count() == 1, "{expected}: {}", said.stderr);
     }
     let files = bare().edit(CELL, "\"5 K/min\"", "\"600 K/min\"");

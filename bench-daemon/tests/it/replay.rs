@@ -155,7 +155,7 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
 
     // A capture of each that says something else, and hashes that fit it.
     for (capture, told) in [
-        ("multisine_1/band1", ["multisine.csv: line 2, z_re_ohm: stored ", "multisine.json: own_noise.points[0]."]),
+        ("multisine_1/band1", ["multisine.csv: line 2, z_re_ohm: stored ", "multisine.json: lines[0].even: stored "]),
         ("trace_steps_1/frame001", ["series_steps_1.bdf.csv: line ", "traces.json: traces[0].sample_sigma_v: stored "]),
         ("trace_wave_1/wave", ["series_wave_1.bdf.csv: line ", "traces.json: traces[1].sample_sigma_v: stored "]),
     ] {
