@@ -196,7 +196,10 @@ function draw() {
   drawActs();
   drawInstruments(now);
   drawTrip(now, (one) => attempt(() => post(`/benches/${one.bench}/trips/clear`, { cause: one.trip.cause }), () => `${one.bench} is cleared.`));
-  if (now.stop) stopped(now.stop);
+  // What a stop has shown is no longer so once something runs again, or has tripped since.
+  const over = now.state === "running" || now.state === "paused" || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
+  if (over) $("stopped").hidden = true;
+  else if (now.stop) stopped(now.stop);
   $("identify").hidden = !may("operate");
   $("submit").hidden = !may("energise");
 }
