@@ -143,7 +143,7 @@ fn check(path: &Path) -> std::io::Result<(Head, Vec<String>)> {
             told.push(format!("line {} of the audit trail is not the one that {HEAD} names", known.lines));
         }
         None if head.lines > 0 => {
-            told.push(format!("expected {HEAD} beside the audit trail, found none: whether its end is there is not known"))
+            told.push(format!("expected {HEAD} beside the audit trail, found none: whether its end is there is not known"));
         }
         _ => {}
     }

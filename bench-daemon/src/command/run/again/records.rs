@@ -47,7 +47,7 @@ impl Recorded {
                 let stored = raw.get(found.len()).map(|point| point.z_ohm);
                 let same = |attempt: &&Vec<Found>| attempt.get(line).map(|own| raw_impedance(&own.0, shunt_ohm).z_ohm) == stored;
                 let attempt = attempts.iter().find(same).or_else(|| attempts.first());
-                let missing = || self.failed(format!("multisine {repeat}, band {}: expected line {}, found none", band.number, line + 1));
+                let missing = || self.failed(&format!("multisine {repeat}, band {}: expected line {}, found none", band.number, line + 1));
                 found.push(*attempt.and_then(|attempt| attempt.get(line)).ok_or_else(missing)?);
             }
         }
@@ -70,7 +70,7 @@ impl Recorded {
                     let volts_per_div = capture.meta.channels.map(|channel| channel.volts_per_div);
                     attempts.insert(0, phasors.into_iter().zip(lines).map(|(own, line)| (own, volts_per_div, line)).collect());
                 }
-                Err(error) => wrong = Some(self.failed(format!("{}: {error}", path.display()))),
+                Err(error) => wrong = Some(self.failed(&format!("{}: {error}", path.display()))),
             }
         }
         wrong.filter(|_| attempts.is_empty()).map_or(Ok(attempts), Err)
@@ -89,7 +89,7 @@ impl Recorded {
             beside.as_read.push(entry.file);
             return Ok(());
         };
-        let empty = || self.failed(format!("trace {}: expected a frame of the zeros, found an empty one", trace.name));
+        let empty = || self.failed(&format!("trace {}: expected a frame of the zeros, found an empty one", trace.name));
         let zero_v = zeros(&self.frame(trace, "zero")?).ok_or_else(empty)?;
         let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
         let frames = Frames { trace, correction, shunt_ohm, zero_v, ocv_v: entry.start_ocv_v };
@@ -113,7 +113,7 @@ impl Recorded {
             (Commanded::Wave { sent_s, step_s }, Through::Wave { step_s: planned_s, .. }) => {
                 let capture = self.frame(frames.trace, "wave")?;
                 let found = frames.of_wave(&capture, (*sent_s, *step_s), planned_s);
-                found.map_err(|error| self.failed(error.to_string()))
+                found.map_err(|error| self.failed(&error.to_string()))
             }
             (Commanded::Steps(steps), Through::Bipolar) => {
                 let mut all = RecordedTrace::default();
@@ -122,7 +122,7 @@ impl Recorded {
                 }
                 Ok((steps.first().map_or(f64::NAN, |(at_s, _)| *at_s), all))
             }
-            _ => Err(self.failed(format!("trace {}: expected to be driven as its plan says, found another way", frames.trace.name))),
+            _ => Err(self.failed(&format!("trace {}: expected to be driven as its plan says, found another way", frames.trace.name))),
         }
     }
 
@@ -131,7 +131,7 @@ impl Recorded {
         dataset::read_capture(&path).map_err(|error| Failure::Usage(told(&error)))
     }
 
-    fn failed(&self, what: String) -> Failure {
+    fn failed(&self, what: &str) -> Failure {
         Failure::Usage(format!("{}: {what}", self.folder.display()))
     }
 }
