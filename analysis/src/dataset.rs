@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 pub use capture::{CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, read_capture, write_capture};
 pub use disk::write_atomically;
-pub use index::{CurrentBetween, CurrentPositive, FlaggedPoint, Role, RunIndex, SweepEntry, TraceEntry};
+pub use index::{Commanded, CurrentBetween, CurrentPositive, FlaggedPoint, Role, RunIndex, SweepEntry, TraceEntry};
 pub use stored::{CaptureFile, open_capture};
 
 use crate::spectrum::{Covariance2, ImpedancePoint};

@@ -272,9 +272,9 @@ h2{font-size:1.2rem;margin:2rem 0 .5rem}
 .verdict{list-style:none;margin:0 0 1.5rem;padding:0}
 .verdict li{border-left:.3rem solid;padding:.35rem .75rem;margin:.4rem 0;background:var(--stripe)}
 .verdict strong{margin-right:.4rem}
-.good{border-color:var(--good)}.good strong{color:var(--good)}
-.note{border-color:var(--note)}.note strong{color:var(--note)}
-.bad{border-color:var(--bad)}.bad strong{color:var(--bad)}
+.verdict .good{border-color:var(--good)}.good strong{color:var(--good)}
+.verdict .note{border-color:var(--note)}.note strong{color:var(--note)}
+.verdict .bad{border-color:var(--bad)}.bad strong{color:var(--bad)}
 figure{margin:1.5rem 0;overflow-x:auto}
 figure svg{display:block;width:100%;min-width:34rem;height:auto;border:1px solid var(--line);border-radius:.4rem;background:#fff}
 figcaption{color:var(--soft);font-size:.9rem;margin-top:.4rem}

@@ -17,6 +17,7 @@ mod power;
 mod record;
 mod sine;
 mod trace;
+mod trace_rows;
 mod watch;
 mod wave;
 
@@ -35,9 +36,11 @@ pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
 pub use gate::Spent;
+pub(crate) use multisine::{BandFit, capture_name, fit_band};
 pub(crate) use record::{Asked, Taken, analyse};
 pub use sine::SweepPoint;
 pub use trace::charge_of;
+pub(crate) use trace_rows::{Frames, Recorded as RecordedTrace, zeros};
 
 use crate::{
     bench::{Bench, BenchError},

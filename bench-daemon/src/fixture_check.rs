@@ -115,7 +115,10 @@ pub fn believed_in_words(controls: &[ControlResult]) -> Option<String> {
     let corrected = limit(|control| control.believed)?;
     let as_read = limit(|control| control.believed_as_read.filter(|_| control.believed.is_some())).map(words).unwrap_or_default();
     let percent = significant(100.0 * corrected.tolerance, 2);
-    Some(format!("the bench is to be believed within {percent} % {}; as read, {as_read}", words(corrected)))
+    Some(format!(
+        "With its correction the bench is to be believed within {percent} % {}; as read, without it, {as_read}.",
+        words(corrected)
+    ))
 }
 
 fn judge(points: &[ImpedancePoint], known: &KnownImpedance, tolerance: &Tolerance) -> ControlVerdict {

@@ -54,7 +54,7 @@ pub struct Reading {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Trip {
     /// A quantity that left its limits.
-    #[error("{what} {value:.4} {unit} left its limits ({least} {unit} to {greatest} {unit}) at {time_s:.1} s")]
+    #[error("{what} {value:.4} {unit} left its limits ({}) at {time_s:.1} s", between(*least, *greatest, unit))]
     Limit {
         /// The quantity.
         what: &'static str,
@@ -77,6 +77,15 @@ pub enum Trip {
         /// Bench time, s.
         time_s: f64,
     },
+}
+
+/// Limits in words; one that is infinite is none.
+fn between(least: f64, greatest: f64, unit: &str) -> String {
+    match (least.is_finite(), greatest.is_finite()) {
+        (true, true) => format!("{least} {unit} to {greatest} {unit}"),
+        (false, _) => format!("at most {greatest} {unit}"),
+        (true, false) => format!("at least {least} {unit}"),
+    }
 }
 
 impl Trip {

@@ -1,5 +1,7 @@
 //! Tables and sentences of models, shared by the reports of `run` and `fit`.
 
+use std::path::Path;
+
 use analysis::{
     fit::{ErmFit, Objective},
     report::{Level, Table, Verdict},
@@ -25,6 +27,18 @@ pub fn utc(unix_s: f64) -> String {
         month += 1;
     }
     format!("{year:04}-{month:02}-{:02}T{:02}:{:02}:{:02}Z", day + 1, second / 3600, second / 60 % 60, second % 60)
+}
+
+/// A path as a shell takes it: in quotes where it has anything else in it than what stands for itself.
+pub fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '/' | '.' | '_' | '-' | '+' | '=' | ':' | ',' | '@' | '%');
+    if !text.is_empty() && text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', r"'\''")) }
+}
+
+/// What a picture or a page shows, and of what, where that has a name.
+pub fn titled(what: &str, name: &str) -> String {
+    if name.is_empty() { what.to_owned() } else { format!("{what}, {name}") }
 }
 
 /// One row per order.
@@ -114,6 +128,15 @@ mod tests {
             (1_795_327_626.0, "2026-11-22T06:07:06Z"),
         ] {
             assert_eq!(super::utc(unix_s), date);
+        }
+    }
+
+    #[test]
+    fn a_path_with_blanks_is_one_word_of_a_shell() {
+        for (path, word) in
+            [("runs/a_1/x.toml", "runs/a_1/x.toml"), ("my runs/a", "'my runs/a'"), ("it's", r"'it'\''s'"), ("", "''"), ("a;b", "'a;b'")]
+        {
+            assert_eq!(super::quoted(std::path::Path::new(path)), word);
         }
     }
 

@@ -258,12 +258,13 @@ impl State {
         outcome.and(self.remember(&serde_json::json!({ "what": "latched", "trip": trip })))
     }
 
-    /// Clears the latch, wherever it is, and remembers who did.
+    /// Clears the latch, wherever it is, and remembers who did: whoever has the token of this name, or else the account of this process.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn clear(&self, trip: &Latched) -> Result<(), StateError> {
-        self.remember(&serde_json::json!({ "what": "cleared", "who": process::who(), "unix_s": clock::unix_time_s(), "trip": trip }))?;
+    pub fn clear(&self, trip: &Latched, token: Option<&str>) -> Result<(), StateError> {
+        let who = token.map_or_else(process::who, |name| format!("{name}, by token"));
+        self.remember(&serde_json::json!({ "what": "cleared", "who": who, "unix_s": clock::unix_time_s(), "trip": trip }))?;
         let Some(found) = self.trip()? else { return Ok(()) };
         for place in found.places.iter().chain(&self.places) {
             let path = place.join(TRIP);

@@ -96,6 +96,24 @@ pub struct TraceEntry {
     pub sample_sigma_a: f64,
     /// Scatter of one sample of the voltage, V rms.
     pub sample_sigma_v: f64,
+    /// What was commanded when; none where the instruments' own meters recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commanded: Option<Commanded>,
+}
+
+/// What was commanded when: no capture tells it, and steps are looked for near it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Commanded {
+    /// Bench times, s, and the current from each of them on, A, charge positive.
+    Steps(Vec<(f64, f64)>),
+    /// One wave of many steps.
+    Wave {
+        /// Bench time after the message that let it begin, s.
+        sent_s: f64,
+        /// Length of a step by the generator's clock, s.
+        step_s: f64,
+    },
 }
 
 /// What a run is for.

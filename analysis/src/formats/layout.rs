@@ -1,7 +1,7 @@
 //! Which column holds what, and rows to spectra.
 
 use super::error::FormatError;
-use super::text::{Row, Text, shorten};
+use super::text::{self, Row, Text, shorten};
 use super::{Origin, SourcedSpectrum};
 use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
 use num_complex::Complex64;
@@ -51,6 +51,7 @@ pub(super) fn parse(text: &Text<'_>) -> Result<Vec<SourcedSpectrum>, FormatError
     if rows.is_empty() {
         return empty("only a header");
     }
+    text.one_mark()?;
     let mut groups: Vec<(Origin, Vec<ImpedancePoint>)> = Vec::new();
     for row in rows {
         let cells = Cells { text, row, layout: &layout };
@@ -89,7 +90,7 @@ impl Layout {
     fn of(text: &Text<'_>, first: &Row<'_>) -> Result<(Self, bool), FormatError> {
         let unknown = || FormatError::UnknownFormat { file: text.file(), line: first.line, met: first.excerpt() };
         let column = |index, name| Column { index, name };
-        if first.fields.first().is_some_and(|f| f.parse::<f64>().is_ok()) {
+        if first.fields.first().is_some_and(|f| text::number(f, text.separator).is_some()) {
             if first.fields.len() != 3 {
                 return Err(unknown());
             }
@@ -224,8 +225,8 @@ impl Cells<'_> {
     }
 
     fn number(&self, column: Column, expected: &'static str, good: impl Fn(f64) -> bool) -> Result<f64, FormatError> {
-        match self.field(column).parse::<f64>() {
-            Ok(v) if v.is_finite() && good(v) => Ok(v),
+        match text::number(self.field(column), self.text.separator) {
+            Some(v) if v.is_finite() && good(v) => Ok(v),
             _ => Err(self.error(column, expected)),
         }
     }

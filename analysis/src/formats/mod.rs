@@ -7,7 +7,7 @@
 //! | the thesis' | `freq,offset,resistance,theta`: Hz, bias in A, \|Z\| in Ω, arg Z in rad | one per offset |
 //! | the project's tidy table | `fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad` | one per fixture, cell, repeat, bias |
 //!
-//! Fields are separated by commas, columns may stand in any order where there is a header, columns of other names are passed over. Blank lines,
+//! Fields are separated by commas, or by semicolons, between which a comma is a decimal point; columns may stand in any order where there is a header, columns of other names are passed over. Blank lines,
 //! CRLF, a byte order mark, blanks and double quotes around a field, and comments (`#` first in a line) are tolerated. Points are sorted by
 //! frequency. What cannot be a measurement is refused: the error names file, line, column, what was expected and what was met.
 //!

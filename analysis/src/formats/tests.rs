@@ -33,6 +33,44 @@ fn three_numbers_without_header() {
 }
 
 #[test]
+fn a_file_of_impedance_py_is_read() {
+    // Provenance beside the file; the numbers are its first and its last row.
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/data/spectra/vendors/impedance_py.csv"));
+    let points = read_spectra(path).unwrap().remove(0).points;
+    let end = |point: &crate::spectrum::ImpedancePoint| (point.freq_hz, point.z_ohm);
+    assert_eq!((points.len(), end(&points[0])), (12, (0.0031623, Complex64::new(0.0494998977640506, -0.020438698544418925))));
+    assert_eq!(points[11].freq_hz, 0.039811);
+}
+
+#[test]
+fn columns_may_be_named_and_between_semicolons_a_comma_is_a_decimal_point() {
+    let expected = vec![(1.0, Complex64::new(0.008, -0.002)), (10.0, Complex64::new(0.007, -0.001))];
+    for text in [
+        "f,re,im\n10,0.007,-1e-3\n1,0.008,-2e-3\n",
+        "Frequency (Hz);Z' (Ohm);-Z'' (Ohm)\n10,0;0,007;1e-3\n1,0;0,008;2E-3\n",
+        "freq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\n1,0000E+01\t7,0E-03\t1,0E-03\n1,0\t8,0E-03\t2,0E-03\n",
+        "freq_hz;z_re_ohm;z_im_ohm\n10;0,007;-0,001\n1;0,008;-0,002\n",
+        "10;0,007;-0,001\n1;0,008;-0,002\n",
+        "10;0.007;-0.001\n1;0.008;-0.002\n",
+    ] {
+        let points = read(text).unwrap_or_else(|error| panic!("{text}: {error}")).remove(0).spectrum.points;
+        assert_eq!(points.iter().map(|point| (point.freq_hz, point.z_ohm)).collect::<Vec<_>>(), expected, "{text}");
+    }
+    let sigmas = read("freq_hz;z_re_ohm;z_im_ohm;sigma_re_ohm;sigma_im_ohm\n10;0,007;-0,001;1,5e-5;2e-5\n").unwrap().remove(0);
+    assert!((sigmas.spectrum.points[0].covariance.re_re.sqrt() - 1.5e-5).abs() < 1.0e-18);
+    let mark = "expected one decimal mark in all numbers, a comma or a point, met";
+    for (text, told) in [
+        ("freq_hz;z_re_ohm;z_im_ohm\n1,000;0.5;0\n", format!(", line 2: {mark} both in \"1,000;0.5;0\"")),
+        ("freq/Hz\tRe(Z)/Ohm\tIm(Z)/Ohm\n1,000\t0.5\t0\n", format!(", line 2, column 2 (number): {mark} \"0.5\"")),
+        ("1.000,5;2;3\n", ", line 1: expected three numbers".to_owned()),
+        ("1;2;1.000,5\n", ", line 1, column 3 (Im Z): expected a finite number in Ω, met \"1.000,5\"".to_owned()),
+    ] {
+        let error = read(text).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("dir/sweep.csv{told}")), "{error}");
+    }
+}
+
+#[test]
 fn the_thesis_writes_magnitude_and_phase() {
     let spectra = read("freq,offset,resistance,theta\n0.2,-2,0.01,0\n0.1,-2,0.02,-1.5707963267948966\n").unwrap();
     assert_eq!(names(&spectra), ["sweep"]);
@@ -59,15 +97,16 @@ fn the_tidy_table_is_one_spectrum_per_key() {
 #[test]
 fn errors_name_the_place_and_what_was_expected() {
     let known = "three numbers (frequency, Re, Im) or one of the headers \"freq_hz,z_re_ohm,z_im_ohm[,…]\", \
-                 \"freq,offset,resistance,theta\", \"fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad\", or a file of Gamry, EC-Lab, ZPlot or Autolab";
+                 \"freq,offset,resistance,theta\", \"fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad\", a file of Gamry, EC-Lab, ZPlot or Autolab, \
+                 or a table that names its columns (`f,re,im`, `Frequency/Hz`, `Zreal`, `|Z|/Ohm`, `Phase/deg`, …)";
     let header = "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2\n";
     let cases: [(String, String); 15] = [
         (String::new(), ": expected at least one line with a frequency and an impedance, met an empty file".into()),
         ("# nothing\n".into(), ": expected at least one line with a frequency and an impedance, met only comments".into()),
         (header.into(), ": expected at least one line with a frequency and an impedance, met only a header".into()),
-        ("\n1;2;3\n".into(), format!(", line 2: expected {known}, met \"1;2;3\"")),
+        ("\n1 2 3\n".into(), format!(", line 2: expected {known}, met \"1 2 3\"")),
         ("1,2\n".into(), format!(", line 1: expected {known}, met \"1,2\"")),
-        ("f,re,im\n".into(), format!(", line 1: expected {known}, met \"f,re,im\"")),
+        ("f,x,y\n".into(), format!(", line 1: expected {known}, met \"f,x,y\"")),
         ("1,2,3\n1,x,3\n".into(), ", line 2, column 2 (Re Z): expected a finite number in Ω, met \"x\"".into()),
         ("1,2,3\n\n2,NaN,3\n".into(), ", line 3, column 2 (Re Z): expected a finite number in Ω, met \"NaN\"".into()),
         ("-1,2,3\n".into(), ", line 1, column 1 (frequency): expected a positive finite frequency in Hz, met \"-1\"".into()),

@@ -1,4 +1,7 @@
 //! Lines and fields of a text file, with their numbers. Knows nothing of columns.
+//!
+//! Fields are separated by commas, or by semicolons where the first line that is no comment has one. Between semicolons a comma is a decimal point; one
+//! file has one decimal mark.
 
 use super::error::FormatError;
 use std::path::{Path, PathBuf};
@@ -11,6 +14,8 @@ const EXCERPT: usize = 80;
 pub(super) struct Text<'a> {
     pub(super) path: &'a Path,
     pub(super) rows: Vec<Row<'a>>,
+    /// What stands between two fields.
+    pub(super) separator: char,
     /// True when the file has characters at all.
     pub(super) has_content: bool,
 }
@@ -34,8 +39,32 @@ impl<'a> Text<'a> {
             FormatError::NotText { file: path.to_owned(), line, byte: rest.first().copied().unwrap_or(0) }
         })?;
         let rows = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim())).filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
-        let rows = rows.map(|(line, raw)| Row { line, raw, fields: split(raw) }).collect();
-        Ok(Self { path, rows, has_content: !text.trim().is_empty() })
+        let lines: Vec<(usize, &str)> = rows.collect();
+        let separator = if lines.first().is_some_and(|(_, first)| first.contains(';')) { ';' } else { ',' };
+        let rows = lines.into_iter().map(|(line, raw)| Row { line, raw, fields: split(raw, separator) }).collect();
+        Ok(Self { path, rows, separator, has_content: !text.trim().is_empty() })
+    }
+
+    /// Refuses a file in which one number has a decimal comma and another a decimal point: one of them would be wrong by a factor.
+    pub(super) fn one_mark(&self) -> Result<(), FormatError> {
+        if self.separator == ',' {
+            return Ok(());
+        }
+        let mut known = None;
+        for row in &self.rows {
+            for mark in row.fields.iter().filter_map(|field| mark(field, self.separator)) {
+                if *known.get_or_insert(mark) != mark {
+                    let expected = "one decimal mark in all numbers, a comma or a point".to_owned();
+                    return Err(FormatError::Header {
+                        file: self.file(),
+                        line: row.line,
+                        expected,
+                        met: format!("both in {}", row.excerpt()),
+                    });
+                }
+            }
+        }
+        Ok(())
     }
 
     pub(super) fn file(&self) -> PathBuf {
@@ -59,8 +88,23 @@ pub(super) fn shorten(text: &str) -> String {
     format!("\"{short}\"")
 }
 
-fn split(line: &str) -> Vec<&str> {
-    line.split(',').map(unquote).collect()
+fn split(line: &str, separator: char) -> Vec<&str> {
+    line.split(separator).map(unquote).collect()
+}
+
+/// The number in a field. Where fields are not separated by commas, a comma is a decimal point; thousands are not grouped.
+pub(super) fn number(field: &str, separator: char) -> Option<f64> {
+    if separator == ',' || !field.contains(',') {
+        return field.parse().ok();
+    }
+    let plain = !field.contains('.') && field.matches(',').count() == 1;
+    plain.then(|| field.replacen(',', ".", 1)).and_then(|field| field.parse().ok())
+}
+
+/// The decimal mark of a field that is a number with one.
+pub(super) fn mark(field: &str, separator: char) -> Option<char> {
+    let mark = [',', '.'].into_iter().find(|mark| field.contains(*mark))?;
+    number(field, separator).map(|_| mark)
 }
 
 fn unquote(field: &str) -> &str {

@@ -12,7 +12,7 @@
 //! measured and are left out. Columns may stand in any order; others are passed over.
 
 use super::error::FormatError;
-use super::text::{Row, Text, shorten};
+use super::text::{self, Row, Text, shorten};
 use crate::dataset::{self, DatasetError};
 use crate::series::{SeriesError, TimeSeries};
 use polars::prelude::{Column, DataFrame, DataType, ParquetReader, SerReader};
@@ -193,10 +193,11 @@ fn csv(path: &Path, bytes: &[u8]) -> Result<(Raw, Option<CurrentSign>), SeriesRe
     let find = |name: &str| header.fields.iter().position(|f| f.eq_ignore_ascii_case(name));
     let known = KNOWN.iter().find_map(|k| Some((k, [find(k.names[0])?, find(k.names[1])?, find(k.names[2])?])));
     let Some((known, columns)) = known else { return Err(unknown(format!(", line {}", header.line), header.excerpt())) };
+    text.one_mark()?;
     let temperature = find(known.names[3]);
     let mut raw = Raw { temperature_c: temperature.map(|_| Vec::with_capacity(rows.len())), ..Raw::default() };
     for row in rows {
-        let field = |column: usize, name: &'static str, may_lack: bool| number(path, row, (column, name), may_lack);
+        let field = |column: usize, name: &'static str, may_lack: bool| number(&text, row, (column, name), may_lack);
         let [t, v, i] = columns;
         let values = [field(t, known.names[0], false)?, field(v, known.names[1], true)?, field(i, known.names[2], true)?];
         let temperature_c = temperature.map(|column| field(column, known.names[3], true)).transpose()?;
@@ -206,14 +207,14 @@ fn csv(path: &Path, bytes: &[u8]) -> Result<(Raw, Option<CurrentSign>), SeriesRe
 }
 
 /// NaN for what may lack and does.
-fn number(path: &Path, row: &Row<'_>, (column, name): (usize, &'static str), may_lack: bool) -> Result<f64, SeriesReadError> {
+fn number(of: &Text<'_>, row: &Row<'_>, (column, name): (usize, &'static str), may_lack: bool) -> Result<f64, SeriesReadError> {
     let text = row.fields.get(column).copied();
     if may_lack && text.is_some_and(|t| t.is_empty() || t.eq_ignore_ascii_case("nan")) {
         return Ok(f64::NAN);
     }
     let met = || text.map_or_else(|| "the end of the line".to_owned(), shorten);
-    let fail = || SeriesReadError::Field { file: path.to_owned(), line: row.line, column: column + 1, name, met: met() };
-    text.and_then(|t| t.parse::<f64>().ok()).filter(|v| v.is_finite()).ok_or_else(fail)
+    let fail = || SeriesReadError::Field { file: of.file(), line: row.line, column: column + 1, name, met: met() };
+    text.and_then(|t| text::number(t, of.separator)).filter(|v| v.is_finite()).ok_or_else(fail)
 }
 
 fn parquet(path: &Path, bytes: Vec<u8>) -> Result<(Raw, Option<CurrentSign>), SeriesReadError> {
@@ -309,6 +310,31 @@ mod tests {
         let parquet = read("x.bdf.parquet", &bytes, SeriesOptions::default()).1.unwrap();
         assert_eq!((&parquet.current_a, &parquet.voltage_v), (&series.current_a, &series.voltage_v));
         assert_eq!(parquet.temperature_c, Some(vec![25.0, 26.0]));
+    }
+
+    #[test]
+    fn files_of_batterydf_are_read() {
+        // Provenance beside the files: the first rows of a real one, and the same as Parquet.
+        for name in ["landt.bdf.csv", "landt.bdf.parquet"] {
+            let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/data/series")).join(name);
+            let series = read_series(&path, &SeriesOptions::default()).unwrap();
+            assert_eq!(
+                (series.time_s.len(), series.time_s[1], series.voltage_v[9], series.current_a[0].abs()),
+                (10, 15.02, 2.921, 0.0),
+                "{name}"
+            );
+            assert_eq!(series.temperature_c.unwrap()[3], 0.0, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_comma_between_semicolons_is_a_decimal_point_here_too() {
+        let text = "Test Time / s;Voltage / V;Current / A\n0;4,1;-2,5\n1,5;4,0;0\n";
+        let series = read("x.bdf.csv", text.as_bytes(), SeriesOptions::default()).1.unwrap();
+        assert_eq!((series.time_s, series.voltage_v, series.current_a), (vec![0.0, 1.5], vec![4.1, 4.0], vec![2.5, -0.0]));
+        let (path, mixed) = read("x.csv", text.replace("4,0", "4.0").as_bytes(), SeriesOptions::default());
+        let expected = "expected one decimal mark in all numbers, a comma or a point, met both in \"1,5;4.0;0\"";
+        assert_eq!(mixed.unwrap_err().to_string(), format!("{path}, line 3: {expected}"));
     }
 
     #[test]

@@ -8,11 +8,13 @@
 //! | ZView's export of others (Autolab) | `Z60W Data File` | `Freq (Hz)`, `Z'(a)`, `Z''(b)` |
 //! | Zahner's and Autolab's lists, any other table | such a row | a frequency, and real and imaginary part or modulus and phase |
 //!
+//! Where fields are not separated by commas, a comma in a number is a decimal point, and all numbers that are read have the same mark.
+//!
 //! A minus before the name of the imaginary part is taken for what it says. A row of units under the names is passed over; the table ends with the first
 //! row that is none. Rows at 0 Hz, by which EC-Lab marks direct current, are left out. What follows a mark of an aborted measurement is not read.
 
 use super::error::FormatError;
-use super::text::shorten;
+use super::text::{self, shorten};
 use super::{Origin, SourcedSpectrum};
 use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
 use num_complex::Complex64;
@@ -40,6 +42,14 @@ struct Columns {
     cycle: Option<usize>,
 }
 
+impl Columns {
+    /// The columns that are read.
+    fn read(&self) -> [usize; 3] {
+        let (Parts::Cartesian(a, b, _) | Parts::Polar(a, b, _)) = self.parts;
+        [self.freq, a, b]
+    }
+}
+
 /// Reads the spectra of a file; nothing where no row names columns of an impedance.
 ///
 /// # Errors
@@ -54,10 +64,10 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Result<Vec<SourcedSpect
 
 fn read(path: &Path, lines: &[&str], header: usize, columns: &Columns) -> Result<Vec<SourcedSpectrum>, FormatError> {
     let mut groups: Vec<(Option<String>, Vec<ImpedancePoint>)> = Vec::new();
-    let mut rows = 0;
+    let (mut rows, mut mark) = (0, None);
     for (at, line) in lines.iter().enumerate().skip(header + 1) {
         let fields = fields(line, columns.separator);
-        let number = |column: usize| fields.get(column).and_then(|field| field.parse::<f64>().ok());
+        let number = |column: usize| fields.get(column).and_then(|field| text::number(field, columns.separator));
         let Some(freq_hz) = number(columns.freq) else {
             if rows == 0 && at <= header + UNITS {
                 continue;
@@ -76,6 +86,12 @@ fn read(path: &Path, lines: &[&str], header: usize, columns: &Columns) -> Result
             expected,
             met: fields.get(column).map_or_else(|| "the end of the line".to_owned(), |field| shorten(field).trim_matches('"').to_owned()),
         };
+        for column in columns.read() {
+            let Some(found) = fields.get(column).and_then(|field| text::mark(field, columns.separator)) else { continue };
+            if *mark.get_or_insert(found) != found {
+                return Err(wrong(column, "number", "one decimal mark in all numbers, a comma or a point"));
+            }
+        }
         if !(freq_hz > 0.0 && freq_hz.is_finite()) {
             return Err(wrong(columns.freq, "frequency", "a positive finite frequency in Hz"));
         }
@@ -133,10 +149,26 @@ fn named(line: &str, separator: char) -> Option<Columns> {
     names.retain(|name| name != "(hz)");
     let find = |wanted: &[&str]| names.iter().position(|name| wanted.contains(&name.as_str()));
     let freq = find(&["freq", "frequency", "freq/hz", "frequency/hz", "freq(hz)", "frequency(hz)", "f/hz", "freq.", "f"])?;
-    let re = find(&["zreal", "z'", "z'(a)", "re(z)/ohm", "re(z)", "z_re", "zre", "z'(ohm)", "z'/ohm", "zre/ohm", "z'(ω)", "rez"]);
-    let plus =
-        find(&["zimag", "z''", "z''(b)", "im(z)/ohm", "im(z)", "z_im", "zim", "z''(ohm)", "z''/ohm", "zim/ohm", "z''(ω)", "z\"", "imz"]);
-    let minus = find(&["-im(z)/ohm", "-im(z)", "-z''", "-zimag", "-z''(ohm)", "-z''/ohm", "-z''(ω)", "-zim", "-z\""]);
+    let re =
+        find(&["zreal", "z'", "z'(a)", "re(z)/ohm", "re(z)", "z_re", "zre", "z'(ohm)", "z'/ohm", "zre/ohm", "z'(ω)", "rez", "re", "real"]);
+    let plus = find(&[
+        "zimag",
+        "z''",
+        "z''(b)",
+        "im(z)/ohm",
+        "im(z)",
+        "z_im",
+        "zim",
+        "z''(ohm)",
+        "z''/ohm",
+        "zim/ohm",
+        "z''(ω)",
+        "z\"",
+        "imz",
+        "im",
+        "imag",
+    ]);
+    let minus = find(&["-im(z)/ohm", "-im(z)", "-z''", "-zimag", "-z''(ohm)", "-z''/ohm", "-z''(ω)", "-zim", "-z\"", "-im", "-imag"]);
     let modulus = find(&["|z|/ohm", "|z|", "zmod", "impedance/ohm", "z(ohm)", "|z|(ohm)", "z(ω)", "z/ohm", "impedance"]);
     let degrees = find(&["phase(z)/deg", "phase/deg", "zphz", "-phase(°)", "phase(deg)", "phase(°)", "theta/deg"]);
     let radians = find(&["phase/rad", "phase(rad)", "theta/rad"]);

@@ -294,7 +294,7 @@ fn a_control_is_judged_in_words() {
     assert!(right.passed && (right.worst_magnitude_rel - 0.005 * 26.96 / 9.96).abs() < 1e-4, "{right:?}");
     assert_eq!(
         right.text,
-        "control of 9.960 mΩ measures right: magnitude off by +1.35 % at 300 Hz, within the tolerance of 2 %; phase off by +0.01° at 300 Hz, \
+        "control of 9.960 mΩ: magnitude off by +1.35 % at 300 Hz, within the tolerance of 2 %; phase off by +0.01° at 300 Hz, \
          within the tolerance of 1°"
     );
     let wrong = verdict(&Bench { mutual_shunt_h: 0.1e-6, ..bench }, ControlTolerance { magnitude_rel: 0.01, ..tolerance });

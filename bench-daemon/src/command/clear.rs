@@ -42,7 +42,7 @@ pub fn clear(args: &ClearArgs) -> Result<(), Failure> {
     if !(args.yes || confirmed()) {
         return Err(Failure::Usage("nothing was cleared: expected --yes, or `clear` typed on a terminal".to_owned()));
     }
-    state.clear(&trip)?;
+    state.clear(&trip, None)?;
     say!("cleared; the next run may use the bench. {} remembers it", state.path("trips.jsonl").display());
     Ok(())
 }

@@ -13,6 +13,7 @@ use crate::{
     hash,
     journal::JOURNAL,
     next_experiment::{Setting, experiment_file},
+    present::quoted,
     sums::SUMS,
     terminal::say,
 };
@@ -203,12 +204,13 @@ impl Judged {
 
     /// The command that gives the same diagnosis.
     fn again(&self) -> String {
-        let mut text = format!("eis-bench diagnose {} --model {}", self.told(&self.data), self.told(&self.path));
+        let word = |path: &Path| quoted(Path::new(&self.told(path)));
+        let mut text = format!("eis-bench diagnose {} --model {}", word(&self.data), word(&self.path));
         if let Some(ocv) = &self.ocv {
-            text.push_str(&format!(" --ocv {}", self.told(ocv)));
+            text.push_str(&format!(" --ocv {}", word(ocv)));
         }
         if let Some(specimen) = &self.specimen {
-            text.push_str(&format!(" --specimen {specimen}"));
+            text.push_str(&format!(" --specimen {}", quoted(Path::new(specimen))));
         }
         if self.within.is_some() {
             text.push_str(" (in the run folder)");

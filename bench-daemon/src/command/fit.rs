@@ -212,7 +212,7 @@ fn write(folder: &Path, group: &Group, controls: &[Spectrum], args: &FitArgs) ->
     }
     figures.push(Figure { svg: plot::bode_svg(&bode).map_err(drawn)?, caption: "Magnitude and phase over frequency.".to_owned() });
     let report = Report {
-        title: format!("Extended Randles model, {}", group.name),
+        title: present::titled("Extended Randles model", &group.name),
         verdicts: fit_warnings(&group.fits),
         figures,
         tables: vec![models_table(&group.fits), branches_table(&group.fits)],

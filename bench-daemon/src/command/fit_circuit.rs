@@ -182,7 +182,7 @@ fn write(folder: &Path, group: &Group, circuit: &Circuit) -> Result<(), Failure>
     files::write_picture(folder, "nyquist", |path| plot::nyquist(&picture, path))?;
     files::write_picture(folder, "bode", |path| plot::bode(&picture, path))?;
     let report = Report {
-        title: format!("{}, {}", group.fit.circuit, group.name),
+        title: present::titled(&group.fit.circuit.to_string(), &group.name),
         verdicts: group.fit.warnings.iter().map(|warning| Verdict { level: Level::Note, text: warning.clone() }).collect(),
         figures: vec![
             Figure {

@@ -17,7 +17,7 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
             say!("  {step}");
         }
     }
-    experiment.cell.wide.iter().for_each(|text| remark!("eis-bench: {text}"));
+    experiment.cell.wide.iter().for_each(|text| remark!("note: {text}"));
     let hours = |seconds: f64| format!("{:.0} h {:02.0} min", (seconds / 3600.0).floor(), (seconds % 3600.0) / 60.0);
     say!("\nabout {}, at most {} of bench time", hours(plan.plan().expected_s()), hours(plan.plan().longest_s()));
     Ok(())

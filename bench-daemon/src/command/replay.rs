@@ -19,7 +19,7 @@ use clap::Args;
 use instruments::clock::{Clock, TimeMode};
 
 use super::{Failure, run::Recorded};
-use crate::{journal::JOURNAL, present::significant, record::RecordError, terminal::say};
+use crate::{compare::compare, journal::JOURNAL, present::significant, record::RecordError, terminal::say};
 
 /// Changed points that are told of each spectrum.
 const TOLD: usize = 12;
@@ -166,7 +166,7 @@ fn of_run(folder: &Path, out: Option<&Path>) -> Result<(), Failure> {
 fn tell(folder: &Path, again: &Path) -> Result<(), Failure> {
     let text = fs::read_to_string(folder.join("traces.json")).unwrap_or_default();
     let index: RunIndex = serde_json::from_str(&text).unwrap_or_default();
-    let files = index.sweeps.iter().map(|sweep| sweep.file.as_str()).filter(|file| !file.starts_with("multisine"));
+    let files = index.sweeps.iter().map(|sweep| sweep.file.as_str());
     let (mut spectra, mut identical) = (0, 0);
     for file in files {
         let read = |folder: &Path| dataset::read_spectrum_csv(&folder.join(file)).map_err(RecordError::from);
@@ -179,6 +179,16 @@ fn tell(folder: &Path, again: &Path) -> Result<(), Failure> {
         changed(file, &was, &is);
     }
     say!("  spectra bit-identical: {identical} of {spectra}");
+    let traces: Vec<&str> = index.traces.iter().filter(|trace| trace.commanded.is_some()).map(|trace| trace.file.as_str()).collect();
+    let mut same = 0;
+    for file in &traces {
+        let differences = compare(folder, again, file)?;
+        same += usize::from(differences.is_empty());
+        differences.iter().for_each(|one| say!("  {}: {}", one.file, one.what));
+    }
+    if !traces.is_empty() {
+        say!("  traces bit-identical: {same} of {}", traces.len());
+    }
     Ok(())
 }
 

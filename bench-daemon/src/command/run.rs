@@ -20,7 +20,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-pub(crate) use again::{Again, Known, Recorded, on_all_cores};
+pub(crate) use again::{Again, Beside, Known, Recorded, on_all_cores};
 use analysis::{calibration::Correction, spectrum::Spectrum};
 pub(crate) use past::{Past, begun_experiment};
 pub(crate) use stop::{StopSignals, caught};

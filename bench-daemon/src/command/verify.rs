@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::{
     Failure,
     replay::{Scratch, run_folders},
-    run::{Again, Known, Recorded},
+    run::{Again, Beside, Known, Recorded},
 };
 use crate::{
     compare::{Difference, compare},
@@ -20,8 +20,7 @@ use crate::{
 };
 
 /// What is kept in a folder only as it was read: no capture tells it anew.
-const AS_READ: [&str; 8] =
-    ["journal.jsonl", "manifest.json", "events.csv", "readings.csv", "traces.json", "captures", "transcripts", "log.txt"];
+const AS_READ: [&str; 7] = ["journal.jsonl", "manifest.json", "events.csv", "readings.csv", "captures", "transcripts", "log.txt"];
 
 /// Arguments of `verify`.
 #[derive(Debug, Args)]
@@ -102,7 +101,7 @@ fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
     let mut differences = changed(&known, &again);
     let scratch = Scratch::new("verify")?;
     let points: Vec<_> = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
-    recorded.settle(&points, scratch.path(), true)?;
+    let beside = recorded.settle(&points, scratch.path(), true)?;
     let files = made(scratch.path(), Path::new(""))?;
     let compared: Vec<Vec<Difference>> = files
         .par_iter()
@@ -113,11 +112,20 @@ fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
         .collect();
     differences.extend(compared.into_iter().flatten());
     let numbers = if differences.is_empty() { "every number as stored".to_owned() } else { format!("{} differences", differences.len()) };
-    say!("{}: {} points and {} files recomputed from captures: {numbers}", folder.display(), known.len(), files.len());
+    say!("{}: {}{} files recomputed from captures: {numbers}", folder.display(), counts(known.len(), &beside), files.len());
+    for file in &beside.as_read {
+        say!("  {file}: its rows are what meters said, and no capture tells them anew: held against its hash");
+    }
     if !differences.is_empty() && recorded.version() != env!("CARGO_PKG_VERSION") {
         say!("  recorded by version {}, recomputed by {}", recorded.version(), env!("CARGO_PKG_VERSION"));
     }
     Ok(differences)
+}
+
+/// How much was computed from captures.
+fn counts(points: usize, beside: &Beside) -> String {
+    let told = [(points, "points"), (beside.lines, "lines of multisines"), (beside.rows, "rows of traces")];
+    told.iter().filter(|(count, _)| *count > 0).map(|(count, of)| format!("{count} {of}, ")).collect()
 }
 
 /// Files of a folder that were computed: not what was only read, nor links to it.

@@ -134,7 +134,7 @@ fn unheard(folder: &Path, story: &Story, lines: &[Line]) -> String {
          `eis-bench resume {}` goes on with it",
         story.last_s,
         last.unwrap_or("none"),
-        folder.display()
+        crate::present::quoted(folder)
     )
 }
 

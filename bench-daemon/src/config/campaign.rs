@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
+use fixtures::Scenario;
 use instruments::mock::plant::Fixture;
 
-use super::{ConfigError, Eis, Trace, check::Check, raw};
+use super::{ConfigError, Eis, Source, Trace, check::Check, raw};
 use crate::plan::Specimen;
 
 /// Several cells, each measured several times.
@@ -88,6 +89,19 @@ impl Check<'_> {
             cells.push(Arc::new(Specimen { number: index + 1, name: cell.name.clone(), serial: cell.serial.clone() }));
         }
         Ok(Campaign { cells, repeats: raw.repeats, round_robin: raw.order == raw::CampaignOrder::RoundRobin })
+    }
+
+    /// A simulated bench has so many cells and no more.
+    pub(super) fn specimens(&self, campaign: &Campaign, scenario: &Source) -> Result<(), ConfigError> {
+        let there = scenario.parse::<Scenario>()?.specimens.count.max(1);
+        let Some(first) = campaign.cells.get(there) else { return Ok(()) };
+        let (cells, file) = (if there == 1 { "cell" } else { "cells" }, scenario.path().display());
+        let reason = format!(
+            "expected at most {there} {cells}, for so many has the simulated bench (specimens.count of {file}), found {}, {:?} the first too many",
+            campaign.cells.len(),
+            first.name
+        );
+        Err(self.complain("campaign.cells", reason))
     }
 }
 

@@ -106,7 +106,7 @@ dimension!(
     Frequency, "a frequency", "0.1 Hz", [("Hz", 1.0), ("mHz", 1.0e-3), ("kHz", 1.0e3)]);
 dimension!(
     /// Time.
-    Duration, "a duration", "30 min", [("s", 1.0), ("ms", 1.0e-3), ("min", 60.0), ("h", 3600.0), ("d", 86_400.0)]);
+    Duration, "a duration", "30 min", [("s", 1.0), ("ms", 1.0e-3), ("µs", 1.0e-6), ("us", 1.0e-6), ("min", 60.0), ("h", 3600.0), ("d", 86_400.0)]);
 dimension!(
     /// Temperature.
     Temperature, "a temperature", "25 °C", [("°C", 1.0), ("degC", 1.0), ("C", 1.0)]);
@@ -150,6 +150,7 @@ mod tests {
         assert_eq!(Quantity::<Charge>::parse("4.5 Ah").unwrap().si, 16_200.0);
         assert_eq!(Quantity::<Frequency>::parse("1e-1 Hz").unwrap().si, 0.1);
         assert_eq!(Quantity::<Duration>::parse("2 min").unwrap().si, 120.0);
+        assert_eq!(Quantity::<Duration>::parse("10 µs").unwrap().si, 10.0e-6);
     }
 
     #[test]

@@ -57,6 +57,9 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
     if campaign.is_some() && (ocv_soc.is_some() || multisine.is_some()) {
         return Err(source.complain("campaign", "expected [campaign] without [ocv_soc] and [multisine]: its runs are sweeps and traces"));
     }
+    if let (Some(campaign), Some(scenario)) = (&campaign, &scenario_source) {
+        check.specimens(campaign, scenario)?;
+    }
     if eis.as_ref().is_none_or(|eis| eis.repeat == 0) && traces.is_empty() && ocv_soc.is_none() && multisine.is_none() {
         let reason = "expected a section [eis] with a repeat above 0, or a section [[traces]], [ocv_soc] or [multisine]";
         return Err(source.complain("(whole file)", reason));

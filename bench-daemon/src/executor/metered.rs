@@ -12,7 +12,8 @@ use super::{
     ExecuteError, Executor, POLL_S,
     dc::{RISE_POLLS, follows},
     require,
-    trace::{Recorded, Zero},
+    trace::Zero,
+    trace_rows::Recorded,
 };
 use crate::{
     interlock::Reading,
@@ -71,7 +72,7 @@ impl Executor<'_> {
         self.read_until(&mut work, end_s).await?;
         self.metered_row(&mut work).await?;
         let Work { origin_s, recorded, .. } = work;
-        self.finish_trace(trace, &zero, (origin_s, recorded))
+        self.finish_trace(trace, &zero, (origin_s, recorded, None))
     }
 
     /// Programs the limits beforehand, so that a step is one message.

@@ -1,7 +1,7 @@
 //! One band of a multisine: the wave goes into the generator, the scope rolls over whole periods of it, the record becomes one point per line.
 
 use analysis::{
-    multisine::{Line, analyse, clock_offset, nonlinear, with_distortion},
+    multisine::{Line, MultisineFit, analyse, clock_offset, nonlinear, with_distortion},
     spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
 };
 use instruments::{
@@ -29,6 +29,37 @@ const NOTED_TURN_RAD: f64 = 0.02;
 const GREATEST_TURN_RAD: f64 = 0.3;
 /// How far the current of a line may be from its command, as a share.
 const CURRENT_TOLERANCE: f64 = 0.2;
+
+/// What a record of one band gives.
+pub(crate) struct BandFit {
+    /// A point per line, what distortion may do to it in its variance.
+    pub(crate) phasors: Vec<ChannelPhasors>,
+    /// What each line says of noise and distortion.
+    pub(crate) lines: Vec<Line>,
+}
+
+impl BandFit {
+    fn of(fit: &MultisineFit) -> Self {
+        Self { phasors: with_distortion(fit), lines: nonlinear(fit) }
+    }
+}
+
+/// What the file of a band's record is called, by the number of the attempt, from 0.
+pub(crate) fn capture_name(band: &Band, attempt: usize) -> String {
+    if attempt == 0 { format!("band{}", band.number) } else { format!("band{}_again{attempt}", band.number) }
+}
+
+/// A record of one band, in volts, to its lines. Pure: what was recorded years ago gives the same lines.
+///
+/// # Errors
+/// A record that cannot be analysed.
+pub(crate) fn fit_band(band: &Band, channels: [&[f64]; 4], interval_s: f64) -> Result<BandFit, ExecuteError> {
+    fit_of(band, channels, interval_s).map(|fit| BandFit::of(&fit))
+}
+
+fn fit_of(band: &Band, channels: [&[f64]; 4], interval_s: f64) -> Result<MultisineFit, ExecuteError> {
+    analyse(channels, interval_s, (band.base_hz, &band.design.harmonics)).map_err(|error| failed(band, error))
+}
 
 impl Executor<'_> {
     /// Drives and records one band, `first` of the lines of others before it, `taken` records of it there already; a point per line, and what each line says of noise
@@ -95,9 +126,8 @@ impl Executor<'_> {
         self.check_frame(band.base_hz, &waveforms, band.span_s)?;
         let waveforms: [Waveform; 4] = waveforms.try_into().map_err(|_| failed(band, "not four channels"))?;
         let label = format!("multisine {} repeat {} attempt {}", band.number, self.repeat, attempt + 1);
-        let name = if attempt == 0 { format!("band{}", band.number) } else { format!("band{}_again{attempt}", band.number) };
         let capture = capture_of(label, band.base_hz, end_s - band.span_s, &waveforms);
-        self.recorder.write_capture(&format!("multisine_{}", self.repeat), &name, &capture)?;
+        self.recorder.write_capture(&format!("multisine_{}", self.repeat), &capture_name(band, attempt), &capture)?;
         Ok(waveforms)
     }
 
@@ -114,12 +144,12 @@ impl Executor<'_> {
         let excited = (band.base_hz, band.design.harmonics.as_slice());
         let (channels, interval_s) = (volts.each_ref().map(Vec::as_slice), waveforms[0].interval_s);
         warnings.extend(self.judge_clocks(band, clock_offset(channels, interval_s, excited))?);
-        let fit = analyse(channels, interval_s, excited).map_err(|error| failed(band, error))?;
+        let fit = fit_of(band, channels, interval_s)?;
         let commanded_a = band.design.amplitude * band.peak_a;
         for phasors in &fit.excited {
             self.check_line(phasors, commanded_a)?;
         }
-        let found: Vec<Line> = nonlinear(&fit);
+        let BandFit { phasors, lines: found } = BandFit::of(&fit);
         let clipped = waveforms.iter().map(Waveform::clipped_share).fold(0.0, f64::max);
         let halves = halves(channels, interval_s, excited);
         let measures = |k: usize| {
@@ -144,7 +174,7 @@ impl Executor<'_> {
             measures: measures(k),
             failing: Vec::new(),
         };
-        Ok(with_distortion(&fit).iter().enumerate().map(point).zip(found.iter().copied()).collect())
+        Ok(phasors.iter().enumerate().map(point).zip(found.iter().copied()).collect())
     }
 
     /// A multisine takes generator and scope to run on one clock. What their clocks differ by turns the fastest line over the record, and lines leak into each

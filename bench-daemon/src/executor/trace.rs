@@ -3,10 +3,7 @@
 //! What the channels show while nothing flows is taken off; the correction of the harness gives current and voltage from the rest, and the voltmeter
 //! at the jig the voltage at rest that the change counts from.
 
-use analysis::{
-    dataset::{Capture, CurrentBetween, CurrentPositive, TraceEntry, TraceRow},
-    thinning::{Mean, Thinned, Thinning, Window, thin},
-};
+use analysis::dataset::{Capture, Commanded, CurrentBetween, CurrentPositive, TraceEntry, TraceRow};
 use instruments::{
     generator::Sine,
     mock::plant::Fixture,
@@ -14,7 +11,10 @@ use instruments::{
     units::{Hertz, Seconds, Volts},
 };
 
-use super::{ExecuteError, Executor, POLL_S, require};
+use super::{
+    ExecuteError, Executor, POLL_S, require,
+    trace_rows::{Frames, Recorded, zeros},
+};
 use crate::{
     interlock::{self, Reading},
     plan::{Frame, Level, Through, TracePlan},
@@ -33,16 +33,12 @@ const ZERO_FRAME: Frame = Frame { start_s: 0.0, span_s: 1.0, memory_points: 10_0
 const FILL_S: f64 = 0.05;
 /// Before an action of the trace no reading is begun in this time, s: it would make it late.
 const QUIET_S: f64 = 0.4;
-/// A step shows in the record from this much before the command to this much after it, s.
-const STEP_WINDOW_S: (f64, f64) = (0.05, 0.25);
 /// The trigger level lies so many divisions above the centre, out of reach: the scope is to roll.
 const OUT_OF_REACH_DIV: f64 = 4.0;
 /// Share of a frame that may clip: the loop's inductance answers a step with a spike, which no row takes in.
 const SPIKES: f64 = 1.0e-4;
 /// The same of a wave, whose steps are many.
 const WAVE_SPIKES: f64 = 0.02;
-/// The slowest supply settles within this time, s: eight time constants at 5 kHz.
-pub(super) const SETTLE_S: f64 = 2.5e-4;
 /// How far the current may be from its command, as a share and A.
 const FOLLOWS: (f64, f64) = (0.1, 0.3);
 /// Least current that the vertical scales are set for, A.
@@ -67,16 +63,6 @@ enum Action {
     Arm(Frame),
     Level(Level),
     Fetch(Frame),
-}
-
-/// A trace as far as it was recorded.
-#[derive(Default)]
-pub(super) struct Recorded {
-    pub(super) rows: Vec<TraceRow>,
-    pub(super) steps_s: Vec<f64>,
-    /// Squares of the scatters of current and voltage, A² and V², summed.
-    pub(super) squares: [f64; 2],
-    pub(super) frames: usize,
 }
 
 impl Executor<'_> {
@@ -129,12 +115,11 @@ impl Executor<'_> {
         self.trace_ranges(trace, ocv_v);
         self.arm(&ZERO_FRAME).await?;
         self.clock.sleep_s(ZERO_FRAME.span_s + FILL_S).await;
-        let (capture, _) = self.fetch(&ZERO_FRAME, (trace, "zero")).await?;
-        let thinned = thin(&capture, &[], &Thinning { settle_s: 0.0, first_s: 1.0, growth: 1.0, longest_s: f64::INFINITY });
-        let [mean] = thinned.means.as_slice() else {
+        let capture = self.fetch(&ZERO_FRAME, (trace, "zero")).await?;
+        let Some(volts) = zeros(&capture) else {
             return Err(disobeyed(&trace.name, "a frame of the zeros", "an empty one"));
         };
-        self.zero = Some(Zero { volts: mean.volts, ocv_v, scatter, temperature_c });
+        self.zero = Some(Zero { volts, ocv_v, scatter, temperature_c });
         Ok(())
     }
 
@@ -177,12 +162,13 @@ impl Executor<'_> {
                 Action::Fetch(frame) => {
                     self.wait_until(filled_s).await?;
                     let name = format!("frame{:03}", recorded.frames + 1);
-                    let (capture, start_s) = self.fetch(&frame, (trace, &name)).await?;
-                    self.append(trace, &zero, (&capture, start_s, origin_s), (&commanded, &mut recorded))?;
+                    let capture = self.fetch(&frame, (trace, &name)).await?;
+                    let found = self.frames(trace, &zero).of_frame(&capture, &commanded);
+                    recorded.append(self.judged(trace, found)?);
                 }
             }
         }
-        self.finish_trace(trace, &zero, (origin_s, recorded))
+        self.finish_trace(trace, &zero, (origin_s, recorded, Some(Commanded::Steps(commanded))))
     }
 
     /// Waits, reading and judging every second. Where steps follow each other so fast that a reading would make the next one late, every second one may be
@@ -238,8 +224,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Stops the scope and downloads what its screen holds; also says since when, bench s. It is on disk when this returns.
-    async fn fetch(&mut self, frame: &Frame, (trace, name): (&TracePlan, &str)) -> Result<(Capture, f64), ExecuteError> {
+    /// Stops the scope and downloads what its screen holds. It is on disk when this returns.
+    async fn fetch(&mut self, frame: &Frame, (trace, name): (&TracePlan, &str)) -> Result<Capture, ExecuteError> {
         let end_s = self.freeze().await?;
         self.download((frame, end_s), (trace, name)).await
     }
@@ -257,7 +243,7 @@ impl Executor<'_> {
         &mut self,
         (frame, end_s): (&Frame, f64),
         (trace, name): (&TracePlan, &str),
-    ) -> Result<(Capture, f64), ExecuteError> {
+    ) -> Result<Capture, ExecuteError> {
         let error = self.bench.error("scope");
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
@@ -281,7 +267,7 @@ impl Executor<'_> {
             let reason = format!("channel {channel} clips at {scale:.4} V/div: expected a coarser wiring.scale_per_ampere");
             return Err(fail(reason));
         }
-        Ok((capture, start_s))
+        Ok(capture)
     }
 
     /// Commands a direct current, A, charge positive.
@@ -297,56 +283,34 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Rows of one frame, each judged.
-    fn append(
-        &self,
-        trace: &TracePlan,
-        zero: &Zero,
-        (capture, start_s, origin_s): (&Capture, f64, f64),
-        (commanded, recorded): (&[(f64, f64)], &mut Recorded),
-    ) -> Result<(), ExecuteError> {
-        let end_s = start_s + capture.meta.interval_s * capture.codes[0].len() as f64;
-        let within = |(at_s, _): &&(f64, f64)| (start_s..end_s).contains(at_s);
-        let (before_s, after_s) = STEP_WINDOW_S;
-        let steps: Vec<(f64, f64)> = commanded.iter().skip(1).filter(within).copied().collect();
-        let windows: Vec<Window> = steps.iter().map(|(at_s, _)| (at_s - before_s - start_s, at_s + after_s - start_s)).collect();
-        let (first_s, growth, longest_s) = trace.thinning;
-        let thinned = thin(capture, &windows, &Thinning { settle_s: SETTLE_S, first_s, growth, longest_s });
-        let flowing_a = commanded.iter().take_while(|(at_s, _)| *at_s < start_s).last().map_or(0.0, |(_, amps)| *amps);
-        for mean in &thinned.means {
-            let passed = thinned.steps_s.iter().filter(|step_s| **step_s < mean.time_s).count();
-            let level_a = passed.checked_sub(1).and_then(|index| steps.get(index)).map_or(flowing_a, |(_, amps)| *amps);
-            recorded.rows.push(self.row(trace, zero, (mean, level_a, start_s - origin_s))?);
-        }
-        let Thinned { sigma_shunt_v, sigma_jig_v, steps_s, .. } = thinned;
-        let sigma_a = sigma_shunt_v / self.experiment.bench.wiring.shunt.r_ohm;
-        recorded.steps_s.extend(steps_s.iter().map(|step_s| step_s + start_s - origin_s));
-        recorded.squares = [recorded.squares[0] + sigma_a.powi(2), recorded.squares[1] + sigma_jig_v.powi(2)];
-        recorded.frames += 1;
-        Ok(())
+    /// What the frames of a trace are read by.
+    pub(super) fn frames<'f>(&'f self, trace: &'f TracePlan, zero: &Zero) -> Frames<'f> {
+        let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        Frames { trace, correction: &self.correction, shunt_ohm, zero_v: zero.volts, ocv_v: zero.ocv_v }
     }
 
-    fn row(&self, trace: &TracePlan, zero: &Zero, (mean, level_a, shift_s): (&Mean, f64, f64)) -> Result<TraceRow, ExecuteError> {
-        let changed = [0, 1, 2, 3].map(|slot: usize| mean.volts[slot] - zero.volts[slot]);
-        let (current_a, change_v) = self.correction.direct(changed);
-        let time_s = mean.time_s + shift_s;
-        let voltage_v = zero.ocv_v + change_v;
-        let reading = Reading { time_s, voltage_v: Some(voltage_v), current_a: Some(current_a), temperature_c: None };
-        if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
-            return Err(trip.into());
+    /// Rows of the scope, each judged as any reading and held against what was commanded.
+    pub(super) fn judged(&self, trace: &TracePlan, mut found: Recorded) -> Result<Recorded, ExecuteError> {
+        for (row, level_a) in found.rows.iter_mut().zip(&found.levels_a) {
+            let TraceRow { time_s, current_a, voltage_v, .. } = *row;
+            let reading = Reading { time_s, voltage_v: Some(voltage_v), current_a: Some(current_a), temperature_c: None };
+            if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
+                return Err(trip.into());
+            }
+            obeys(&trace.name, *level_a, (current_a, time_s))?;
+            row.temperature_c = self.last_c.unwrap_or(f64::NAN);
         }
-        obeys(&trace.name, level_a, (current_a, time_s))?;
-        Ok(TraceRow { time_s, current_a, voltage_v, temperature_c: self.last_c.unwrap_or(f64::NAN), samples: mean.samples as f64 })
+        Ok(found)
     }
 
     pub(super) fn finish_trace(
         &mut self,
         trace: &TracePlan,
         zero: &Zero,
-        (origin_s, recorded): (f64, Recorded),
+        (origin_s, recorded, commanded): (f64, Recorded, Option<Commanded>),
     ) -> Result<(), ExecuteError> {
         let charge_c = charge_of(&recorded.rows);
-        let scatter = recorded.squares.map(|square| (square / recorded.frames.max(1) as f64).sqrt());
+        let scatter = recorded.scatter();
         let entry = TraceEntry {
             file: format!("series_{}_{}.bdf.csv", trace.name, trace.repeat),
             name: trace.name.clone(),
@@ -367,6 +331,7 @@ impl Executor<'_> {
             steps_s: recorded.steps_s,
             sample_sigma_a: scatter[0],
             sample_sigma_v: scatter[1],
+            commanded,
         };
         self.charge_c += charge_c;
         self.recorder.trace(entry, &recorded.rows)?;
@@ -387,7 +352,7 @@ fn scatter(readings: impl Iterator<Item = f64> + Clone) -> f64 {
 }
 
 /// The current must be what was commanded.
-pub(super) fn obeys(trace: &str, level_a: f64, (current_a, time_s): (f64, f64)) -> Result<(), ExecuteError> {
+fn obeys(trace: &str, level_a: f64, (current_a, time_s): (f64, f64)) -> Result<(), ExecuteError> {
     let (share, amps) = FOLLOWS;
     if (current_a - level_a).abs() <= share * level_a.abs() + amps {
         return Ok(());

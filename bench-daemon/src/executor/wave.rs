@@ -5,7 +5,7 @@
 //! A power becomes a current by the voltage at rest: a wave cannot follow the voltage. What power flowed stands in the file.
 
 use analysis::{
-    dataset::{Capture, TraceRow},
+    dataset::{Capture, Commanded, TraceRow},
     staircase::{Stair, Sums, begins, chunks},
 };
 use instruments::{
@@ -16,13 +16,10 @@ use instruments::{
 
 use super::{
     ExecuteError, Executor, POLL_S, require,
-    trace::{Recorded, SETTLE_S, Zero, disobeyed, obeys},
+    trace::{Zero, disobeyed},
+    trace_rows::{Frames, Recorded, SETTLE_S},
 };
-use crate::{
-    config::AFTER_WAVE_S,
-    interlock::{self, Reading},
-    plan::TracePlan,
-};
+use crate::{config::AFTER_WAVE_S, plan::TracePlan};
 
 /// For the scope to fill its screen, s.
 const FILL_S: f64 = 0.05;
@@ -48,15 +45,15 @@ impl Executor<'_> {
     pub(super) async fn wave_trace(
         &mut self,
         (trace, zero): (&TracePlan, Zero),
-        (step_s, steps): (f64, usize),
+        (planned_s, steps): (f64, usize),
     ) -> Result<(), ExecuteError> {
         let Some(frame) = trace.frames.first().copied() else { return Err(disobeyed(&trace.name, "a frame", "none")) };
         let over_s = trace.end_s + AFTER_WAVE_S;
-        let currents = currents(trace, (step_s, zero.ocv_v));
+        let currents = currents(trace, (planned_s, zero.ocv_v));
         self.arm(&frame).await?;
         // What the screen holds more than the wave passes before it.
         self.wait_watching((frame.span_s - over_s).max(0.0) + FILL_S, ("trace", Fixture::Cell)).await?;
-        let step_s = self.play_trace(&currents, (step_s, steps)).await?;
+        let step_s = self.play_trace(&currents, (planned_s, steps)).await?;
         let began_s = self.clock.now_s();
         // No reading in the last second: nothing may delay what ends the wave.
         self.wait_watching((over_s - POLL_S).max(0.0), ("trace", Fixture::Cell)).await?;
@@ -66,11 +63,11 @@ impl Executor<'_> {
         let error = self.bench.error("generator");
         require(&mut self.bench.generator, "generator")?.quiet(offset).await.map_err(error)?;
         once(&trace.name, self.clock.now_s() - began_s, step_s * steps as f64)?;
-        let (capture, start_s) = self.download((&frame, frozen_s), (trace, "wave")).await?;
-        let place = place(&self.shunt_current(&capture, &zero), &Stair { values: &currents, step_s }, began_s - start_s);
-        let recorded = self.rows_of_wave((trace, &zero), (&capture, &currents), &place)?;
+        let capture = self.download((&frame, frozen_s), (trace, "wave")).await?;
+        let (origin_s, found) = self.frames(trace, &zero).of_wave(&capture, (began_s, step_s), planned_s)?;
+        let recorded = self.judged(trace, found)?;
         self.tell_energy(trace, &zero, &recorded.rows)?;
-        self.finish_trace(trace, &zero, (start_s + place.begin_s, recorded))
+        self.finish_trace(trace, &zero, (origin_s, recorded, Some(Commanded::Wave { sent_s: began_s, step_s })))
     }
 
     /// Loads the wave and plays it; says how long a step lasts in truth, s.
@@ -92,34 +89,55 @@ impl Executor<'_> {
         Ok(1.0 / (freq_hz * steps as f64))
     }
 
-    /// The record's current by the shunt alone, A.
-    fn shunt_current(&self, capture: &Capture, zero: &Zero) -> Sums {
-        let [low, high] = [0, 1].map(|channel: usize| capture.meta.channels[channel].scale);
-        let (off_v, r_ohm) = (zero.volts[1] - zero.volts[0], self.experiment.bench.wiring.shunt.r_ohm);
-        let samples = capture.codes[0].iter().zip(&capture.codes[1]);
-        Sums::of(samples.map(|(a, b)| (high.volts(*b) - low.volts(*a) - off_v) / r_ohm), capture.meta.interval_s)
+    /// What flowed against what was asked for.
+    fn tell_energy(&mut self, trace: &TracePlan, zero: &Zero, rows: &[TraceRow]) -> Result<(), ExecuteError> {
+        let asked_j: f64 = trace.levels.windows(2).filter_map(|pair| Some(pair[0].power_w? * (pair[1].at_s - pair[0].at_s))).sum();
+        if trace.levels.iter().all(|level| level.power_w.is_none()) {
+            return Ok(());
+        }
+        let power_w = |row: &TraceRow| row.current_a * row.voltage_v;
+        let flowed_j: f64 =
+            rows.windows(2).map(|pair| 0.5 * (power_w(&pair[0]) + power_w(&pair[1])) * (pair[1].time_s - pair[0].time_s)).sum();
+        self.recorder.warning(&format!(
+            "trace {}: powers were turned into currents at the {:.4} V at rest, for a wave cannot follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} J were \
+             asked for",
+            trace.name, zero.ocv_v
+        ));
+        Ok(())
+    }
+}
+
+impl Frames<'_> {
+    /// Bench time of test time 0, and a row per step, of a wave whose last message was out at `sent_s`, bench s; its steps last `step_s` by the generator's
+    /// clock, s, and were planned as `planned_s`.
+    pub(crate) fn of_wave(&self, capture: &Capture, (sent_s, step_s): (f64, f64), planned_s: f64) -> Result<(f64, Recorded), ExecuteError> {
+        let (start_s, currents) = (capture.meta.start_s, currents(self.trace, (planned_s, self.ocv_v)));
+        let place = place(&self.shunt_current(capture), &Stair { values: &currents, step_s }, sent_s - start_s);
+        Ok((start_s + place.begin_s, self.rows_of_wave(capture, &currents, &place)?))
     }
 
-    /// A row per step, judged as any reading.
-    fn rows_of_wave(
-        &self,
-        (trace, zero): (&TracePlan, &Zero),
-        (capture, currents): (&Capture, &[f64]),
-        place: &Place,
-    ) -> Result<Recorded, ExecuteError> {
+    /// The record's current by the shunt alone, A.
+    fn shunt_current(&self, capture: &Capture) -> Sums {
+        let [low, high] = [0, 1].map(|channel: usize| capture.meta.channels[channel].scale);
+        let off_v = self.zero_v[1] - self.zero_v[0];
+        let samples = capture.codes[0].iter().zip(&capture.codes[1]);
+        Sums::of(samples.map(|(a, b)| (high.volts(*b) - low.volts(*a) - off_v) / self.shunt_ohm), capture.meta.interval_s)
+    }
+
+    fn rows_of_wave(&self, capture: &Capture, currents: &[f64], place: &Place) -> Result<Recorded, ExecuteError> {
         let interval_s = capture.meta.interval_s;
         let sums: Vec<Sums> = (0..4)
             .map(|channel| {
                 let scale = capture.meta.channels[channel].scale;
-                Sums::of(capture.codes[channel].iter().map(|code| scale.volts(*code) - zero.volts[channel]), interval_s)
+                Sums::of(capture.codes[channel].iter().map(|code| scale.volts(*code) - self.zero_v[channel]), interval_s)
             })
             .collect();
         let mut values = currents.to_vec();
         // The rest behind the last step is the trace's own.
-        let own = values.len().max(((trace.end_s / place.step_s).round()) as usize);
+        let own = values.len().max(((self.trace.end_s / place.step_s).round()) as usize);
         values.resize(own + (TAIL * AFTER_WAVE_S / place.step_s) as usize, 0.0);
         let still = values.iter().take_while(|amps| **amps == 0.0).count();
-        let (_, growth, longest_s) = trace.thinning;
+        let (_, growth, longest_s) = self.trace.thinning;
         let settle_s = SETTLE_S.min(SETTLE * place.step_s);
         let mut recorded = Recorded { frames: 1, squares: self.scatter_before(capture, (place, currents)), ..Recorded::default() };
         for chunk in chunks(&values, growth, (longest_s / place.step_s) as usize) {
@@ -128,24 +146,14 @@ impl Executor<'_> {
             let means: Vec<(f64, usize)> = sums.iter().filter_map(|sums| sums.mean(from_s, to_s)).collect();
             let [first, second, third, fourth] = means.as_slice() else {
                 if (still..own).contains(&chunk.from) {
-                    return Err(disobeyed(
-                        &trace.name,
-                        &format!("a record from {from_s:.3} s to {to_s:.3} s"),
-                        "one that does not hold it",
-                    ));
+                    let expected = format!("a record from {from_s:.3} s to {to_s:.3} s");
+                    return Err(disobeyed(&self.trace.name, &expected, "one that does not hold it"));
                 }
                 continue;
             };
-            let (current_a, change_v) = self.correction.direct([first.0, second.0, third.0, fourth.0]);
             let time_s = 0.5 * (from_s + to_s) - place.begin_s;
-            let voltage_v = zero.ocv_v + change_v;
-            let reading = Reading { time_s, voltage_v: Some(voltage_v), current_a: Some(current_a), temperature_c: None };
-            if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
-                return Err(trip.into());
-            }
-            obeys(&trace.name, values[chunk.from], (current_a, time_s))?;
-            let temperature_c = self.last_c.unwrap_or(f64::NAN);
-            recorded.rows.push(TraceRow { time_s, current_a, voltage_v, temperature_c, samples: first.1 as f64 });
+            recorded.rows.push(self.row(time_s, [first.0, second.0, third.0, fourth.0], first.1));
+            recorded.levels_a.push(values[chunk.from]);
         }
         let changes = values.windows(2).enumerate().filter(|(_, pair)| pair[0] != pair[1]);
         recorded.steps_s = changes.map(|(index, _)| (index + 1) as f64 * place.step_s).collect();
@@ -168,24 +176,7 @@ impl Executor<'_> {
             let count = range.len() as f64;
             (squares - sum * sum / count) / (count - 1.0)
         };
-        [square(0, 1) / self.experiment.bench.wiring.shunt.r_ohm.powi(2), square(2, 3)]
-    }
-
-    /// What flowed against what was asked for.
-    fn tell_energy(&mut self, trace: &TracePlan, zero: &Zero, rows: &[TraceRow]) -> Result<(), ExecuteError> {
-        let asked_j: f64 = trace.levels.windows(2).filter_map(|pair| Some(pair[0].power_w? * (pair[1].at_s - pair[0].at_s))).sum();
-        if trace.levels.iter().all(|level| level.power_w.is_none()) {
-            return Ok(());
-        }
-        let power_w = |row: &TraceRow| row.current_a * row.voltage_v;
-        let flowed_j: f64 =
-            rows.windows(2).map(|pair| 0.5 * (power_w(&pair[0]) + power_w(&pair[1])) * (pair[1].time_s - pair[0].time_s)).sum();
-        self.recorder.warning(&format!(
-            "trace {}: powers were turned into currents at the {:.4} V at rest, for a wave cannot follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} J were \
-             asked for",
-            trace.name, zero.ocv_v
-        ));
-        Ok(())
+        [square(0, 1) / self.shunt_ohm.powi(2), square(2, 3)]
     }
 }
 

@@ -71,6 +71,18 @@ impl Recorder {
         self.json(INDEX, &self.index)
     }
 
+    /// Writes a trace of the index, and its entry, again.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn trace_again(&mut self, entry: TraceEntry, rows: &[TraceRow]) -> Result<(), RecordError> {
+        dataset::write_trace_csv(&self.path(&entry.file), rows)?;
+        if let Some(known) = self.index.traces.iter_mut().find(|known| known.file == entry.file) {
+            *known = entry;
+        }
+        self.json(INDEX, &self.index)
+    }
+
     /// Writes the readings of legs, whole or not at all.
     ///
     /// # Errors

@@ -39,7 +39,7 @@ fn benches_that_share_an_instrument_exclude_each_other_and_see_each_others_latch
     assert!(refused.starts_with(&words), "{refused}");
     apart.refuse_latched().unwrap();
     // Whichever of them is cleared, the cause is gone for both.
-    two.clear(&cause).unwrap();
+    two.clear(&cause, None).unwrap();
     one.refuse_latched().unwrap();
     two.refuse_latched().unwrap();
 }
@@ -102,7 +102,7 @@ fn the_first_cause_stays_until_a_person_clears_it_and_all_are_remembered() {
     let words = "b is latched: interlock: cell voltage 4.3000 V left its limits (2.5 V to 4.2 V) at 12.0 s in step \"charge\" of runs/a. \
                  Look at the bench and the cell, then `eis-bench clear b.toml`";
     assert_eq!(refused, words);
-    state.clear(&first).unwrap();
+    state.clear(&first, None).unwrap();
     state.refuse_latched().unwrap();
     let history = fs::read_to_string(state.path(HISTORY)).unwrap();
     let whats: Vec<_> = history.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["what"].clone()).collect();

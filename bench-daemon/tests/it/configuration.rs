@@ -50,6 +50,21 @@ fn every_file_in_configs_is_sound() {
 }
 
 #[test]
+fn a_campaign_of_more_cells_than_the_simulated_bench_has_is_refused_before_anything_is_done() {
+    let cells = "\n[campaign]\nrepeats = 1\n\n[[campaign.cells]]\nname = \"A\"\n\n[[campaign.cells]]\nname = \"B\"\n";
+    let folder = altered("experiments/demo.toml", "[fit]", &format!("{cells}\n[fit]"));
+    let path = folder.path().join("experiments/demo.toml");
+    let message = load_experiment(&path, None).unwrap_err().to_string();
+    let told = "expected at most 1 cell, for so many has the simulated bench (specimens.count of ";
+    assert!(message.contains("campaign.cells: ") && message.contains(told), "{message}");
+    assert!(message.ends_with("p45b.toml), found 2, \"B\" the first too many"), "{message}");
+    let scenario = folder.path().join("scenarios/p45b.toml");
+    let text = std::fs::read_to_string(&scenario).unwrap();
+    std::fs::write(&scenario, format!("{text}\n[specimens]\ncount = 2\n")).unwrap();
+    assert_eq!(load_experiment(&path, None).unwrap().campaign.unwrap().cells.len(), 2);
+}
+
+#[test]
 fn two_instruments_cannot_share_a_gpib_adapter() {
     let bench = "benches/demo.toml";
     for (generator, scope) in [("10.0.0.9", "10.0.0.9"), ("localhost", "127.0.0.1")] {
@@ -290,7 +305,7 @@ fn limits_beyond_the_cells_own_are_refused_and_useless_ones_are_loudly_said() {
     ] {
         let said = plan(&bare().edit(CELL, from, to));
         said.expect_code(0);
-        let expected = format!("eis-bench: A LIMIT OF THE CELL IS TOO WIDE: {expected}");
+        let expected = format!("note: A LIMIT OF THE CELL IS TOO WIDE: {expected}");
         assert!(said.stderr.contains(&expected) && said.stderr.lines().count() == 1, "{expected}: {}", said.stderr);
     }
     let files = bare().edit(CELL, "\"5 K/min\"", "\"600 K/min\"");

@@ -132,4 +132,41 @@ fn a_run_of_a_relative_path_with_a_trace_of_load_and_supply_beside_controls_is_v
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let (code, said) = eis_bench(&["verify"], &run);
     assert!(code == 0 && said.contains("every number as stored"), "{code} {said}");
+    assert!(said.contains("series_jump_1.bdf.csv: its rows are what meters said"), "{said}");
+}
+
+#[test]
+fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_follow_from_them_is_named() {
+    let traces = "[[traces]]\nname = \"steps\"\nrest_first = \"20 s\"\nstart_voltage = [\"3.77 V\", \"3.83 V\"]\nresistance_max = \"30 mΩ\"\n\
+                  segments = [{ current = \"-5 A\", duration = \"3 s\" }, { current = \"0 A\", duration = \"6 s\" }]\n\n\
+                  [[traces]]\nname = \"wave\"\nrest_first = \"20 s\"\nstart_voltage = [\"3.77 V\", \"3.83 V\"]\nresistance_max = \"30 mΩ\"\n\
+                  through = \"wave\"\nsegments = [{ current = \"-5 A\", duration = \"0.1 s\" }, { current = \"3 A\", duration = \"0.2 s\" }, \
+                  { current = \"0 A\", duration = \"0.5 s\" }]\n\n\
+                  [multisine]\npeak = \"2 A\"\n\n[[multisine.bands]]\nbase = \"5 Hz\"\nstart = \"15 Hz\"\nstop = \"300 Hz\"\nlines = 8\n\
+                  periods = 10\nsettle = \"5 s\"\n";
+    let files = Files::short(2).append(crate::support::EXPERIMENT, traces);
+    let run = small_run(&files);
+    let (code, said) = eis_bench(&["verify"], &run);
+    assert!(code == 0 && said.contains("every number as stored"), "{code} {said}");
+    assert!(said.contains("6 points, 8 lines of multisines, ") && said.contains(" rows of traces, "), "{said}");
+    assert!(!said.contains("held against its hash"), "{said}");
+    let (code, said) = eis_bench(&["replay"], &run);
+    assert!(code == 0 && said.contains("spectra bit-identical: 2 of 2") && said.contains("traces bit-identical: 2 of 2"), "{code} {said}");
+
+    // A capture of each that says something else, and hashes that fit it.
+    for (capture, told) in [
+        ("multisine_1/band1", ["multisine.csv: line 2, z_re_ohm: stored ", "multisine.json: lines[0].even: stored "]),
+        ("trace_steps_1/frame001", ["series_steps_1.bdf.csv: line ", "traces.json: traces[0].sample_sigma_v: stored "]),
+        ("trace_wave_1/wave", ["series_wave_1.bdf.csv: line ", "traces.json: traces[1].sample_sigma_v: stored "]),
+    ] {
+        let path = run.join(format!("captures/{capture}.parquet"));
+        let was = fs::read(&path).unwrap();
+        let mut altered = dataset::read_capture(&path).unwrap();
+        altered.meta.channels[3].scale.volts_per_code *= 1.001;
+        dataset::write_capture(&path, &altered).unwrap();
+        sums::write(&run).unwrap();
+        let (code, said) = eis_bench(&["verify"], &run);
+        assert!(code == 10 && told.iter().all(|told| said.contains(told)), "{capture}: {code} {said}");
+        fs::write(&path, was).unwrap();
+    }
 }

@@ -199,7 +199,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.click("#submit button[type=submit]");
     browser.wait("#said", "demo-1 is in the queue");
     browser.wait("#state", "Running");
-    browser.wait("#legend", "raw_shunt (3 points");
+    browser.wait("#legend", "shunt (3 points");
     let few = browser.marks();
     browser.wait("#legend", "spectrum (4 points");
     assert!(browser.marks() >= few.min(4), "{few}, {}", browser.marks());
@@ -215,7 +215,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     assert_eq!(browser.script("return document.querySelector('#reading').className"), "figures old");
     browser.pictures("finished");
     browser.click("#submit button[type=submit]");
-    browser.wait("#legend", "raw_fake_cell (2 points");
+    browser.wait("#legend", "fake cell (2 points");
     browser.click("#stop");
     browser.wait("#stopped", "every output is off, read back");
     ports.assert_outputs_off();

@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::raw::{Form, Layout, RawFile};
 use super::{ScopeError, ScopeRecord};
+use crate::formats::text;
 
 const KIND: &str = "table";
 /// Lines of a header, at most.
@@ -84,16 +85,20 @@ pub(super) fn open(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, 
     Ok(ScopeRecord { kind: KIND, interval_s, samples, names, raw })
 }
 
-/// A row of numbers; a comma at its end is no further field.
+/// A row of numbers; a comma at its end is no further field. Between semicolons and tabulators a comma is a decimal point, as long as no number of the row
+/// has a point.
 fn numbers(line: &str) -> Option<Vec<f64>> {
     let line = line.trim().trim_end_matches([',', ';']);
-    let separator = [',', ';', '\t'].into_iter().find(|separator| line.contains(*separator)).unwrap_or(' ');
+    let separator = [';', '\t', ','].into_iter().find(|separator| line.contains(*separator)).unwrap_or(' ');
     let fields: Option<Vec<f64>> = line
         .split(separator)
         .map(str::trim)
         .filter(|field| separator != ' ' || !field.is_empty())
-        .map(|field| field.parse().ok())
+        .map(|field| text::number(field, separator))
         .collect();
+    if separator != ',' && line.contains(',') && line.contains('.') {
+        return None;
+    }
     fields.filter(|fields| !fields.is_empty() && fields.iter().all(|value: &f64| value.is_finite()))
 }
 
@@ -194,6 +199,14 @@ fn step(seen: &[f64]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn between_semicolons_a_comma_is_a_decimal_point() {
+        assert_eq!(numbers("-1,5E-3;0,25;"), Some(vec![-1.5e-3, 0.25]));
+        assert_eq!(numbers("0.001\t0.25"), Some(vec![0.001, 0.25]));
+        assert_eq!(numbers("1,000;0.25"), None);
+        assert_eq!(numbers("1,0.25,"), Some(vec![1.0, 0.25]));
+    }
 
     #[test]
     fn the_step_is_that_of_the_codes_and_not_of_the_signal() {

@@ -7,6 +7,8 @@ use analysis::{
     validity::{Assessed, KkPoint},
 };
 
+use crate::present::titled;
+
 fn frequency() -> AxisSpec {
     AxisSpec::logarithmic("Frequency / Hz")
 }
@@ -31,7 +33,7 @@ pub(crate) fn residuals(assessed: &Assessed) -> Chart {
         Panel::new(frequency(), AxisSpec::linear(name), traces)
     };
     Chart::new(
-        &format!("Kramers–Kronig residuals, {}", assessed.name),
+        &titled("Kramers–Kronig residuals", &assessed.name),
         &format!("{} RC, µ {:.2}, reduced χ² {:.2}: {}", kk.order, kk.mu, kk.chi2 / kk.dof, assessed.verdict.grade),
         vec![
             panel("Re: measured − fitted / % of |Z|", "Re", 0, |point| (point.re_percent, point.sigma_re_percent)),
@@ -57,7 +59,7 @@ pub(crate) fn z_hit(assessed: &Assessed, measured: &Spectrum) -> Chart {
     ];
     let (from, to) = assessed.z_hit.anchor_hz;
     Chart::new(
-        &format!("Z-HIT, {}", assessed.name),
+        &titled("Z-HIT", &assessed.name),
         &format!("the modulus rebuilt from the phase, set equal between {from:.3} Hz and {to:.3} Hz"),
         vec![
             Panel::new(frequency(), AxisSpec::linear("|Z| / mΩ"), upper),
@@ -89,7 +91,7 @@ pub(crate) fn drt(name: &str, drt: &Drt) -> Chart {
     let tail = drt.warburg_ohm_per_sqrt_s.value > 0.0 || drt.elastance_per_f.value > 0.0;
     let subtitle = format!("peaks: {}{}", peaks.join(", "), if tail { "; slower: diffusive tail, not drawn" } else { "" });
     Chart::new(
-        &format!("Distribution of relaxation times, {name}"),
+        &titled("Distribution of relaxation times", name),
         &subtitle,
         vec![Panel::new(
             AxisSpec::logarithmic("Time constant / s"),

@@ -9,7 +9,7 @@ use analysis::{
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
 
-use crate::command::Failure;
+use crate::{command::Failure, present::titled};
 
 /// Writes `bands` and `distribution` as SVG and PNG.
 pub(super) fn write(out: &Path, setup: &ScatterSetup<'_>, met: &Scatter) -> Result<(), Failure> {
@@ -50,7 +50,7 @@ fn bands(setup: &ScatterSetup<'_>, met: &Scatter) -> Chart {
         Panel { aspect: 0.22, ..Panel::new(time(), AxisSpec::linear(name), vec![Trace::new("", 0, TraceStyle::Line, demand)]) },
         Panel::new(time(), AxisSpec::linear("Cell voltage / V"), voltages),
     ];
-    Chart::new(&format!("{} of cells that differ, {}", setup.pack.name(), setup.profile.name), &subtitle(met), panels)
+    Chart::new(&titled(&format!("{} of cells that differ", setup.pack.name()), &setup.profile.name), &subtitle(met), panels)
 }
 
 fn distribution(setup: &ScatterSetup<'_>, met: &Scatter) -> Chart {
@@ -73,7 +73,7 @@ fn distribution(setup: &ScatterSetup<'_>, met: &Scatter) -> Chart {
     ];
     // One entry in the legend is enough for all panels.
     panels.iter_mut().skip(1).flat_map(|p| &mut p.traces).for_each(|t| t.label = None);
-    Chart::new(&format!("Worst cells of {} packs, {}", setup.pack.name(), setup.profile.name), &subtitle(met), panels)
+    Chart::new(&titled(&format!("Worst cells of {} packs", setup.pack.name()), &setup.profile.name), &subtitle(met), panels)
 }
 
 fn subtitle(met: &Scatter) -> String {

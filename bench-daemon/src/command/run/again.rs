@@ -3,6 +3,8 @@
 //!
 //! What no capture tells is taken from the journal: which record of a point counts, when it was taken, and what was read beside it.
 
+mod records;
+
 use std::{
     fs,
     os::unix::fs::symlink,
@@ -14,13 +16,15 @@ use std::{
     thread,
 };
 
-use super::{FINISHED, Measured, gathered::Gathered, multisine, past, results, sweeping};
+pub(crate) use records::Beside;
+
+use super::{FINISHED, gathered::Gathered, multisine, past, results, sweeping};
 use crate::{
     command::Failure,
     config::Experiment,
     executor::{Asked, SweepPoint, Taken, analyse},
     journal::{self, Entry, JOURNAL, Line},
-    plan::{Plan, Purpose},
+    plan::{Plan, Purpose, Step},
     procedure,
     record::Recorder,
     story::Story,
@@ -39,7 +43,7 @@ use instruments::{
 /// Captures above this size are read by pieces, bytes: what is in memory at once is this for each core, decoded.
 const LARGE_BYTES: u64 = 1 << 23;
 /// What of a run cannot be recomputed and is read by what follows from its sweeps.
-const READ_BESIDE: [&str; 4] = ["series_", "ocv_", "multisine", "captures"];
+const READ_BESIDE: [&str; 3] = ["series_", "ocv_", "captures"];
 
 /// A run as its folder tells it.
 pub(crate) struct Recorded {
@@ -145,12 +149,13 @@ impl Recorded {
         on_all_cores(known, |known| self.point(known))
     }
 
-    /// Everything that follows from the points, into a new folder: correction, spectra, and with `whole` fits, tables, pictures and report.
+    /// Everything that follows from the points, and from the records of multisines and traces, into a new folder: correction, spectra, series, and with
+    /// `whole` fits, tables, pictures and report.
     ///
     /// # Errors
     /// A folder in use, points that do not pass as controls any more, what cannot be computed or written.
-    pub(crate) fn settle(&self, points: &[(usize, SweepPoint)], out: &Path, whole: bool) -> Result<Measured, Failure> {
-        let mut recorder = self.recorder(out)?;
+    pub(crate) fn settle(&self, points: &[(usize, SweepPoint)], out: &Path, whole: bool) -> Result<Beside, Failure> {
+        let (mut recorder, mut beside) = (self.recorder(out)?, Beside::default());
         let inherited = self.inherited_correction()?;
         if let Some(correction) = &inherited {
             recorder.json("correction.json", correction)?;
@@ -160,8 +165,16 @@ impl Recorded {
         let began_s = |stage: &usize| self.story.stages.get(stage).map_or(0.0, |story| story.began_s);
         stages.sort_by(|a, b| began_s(a).total_cmp(&began_s(b)).then(a.cmp(b)));
         for number in stages {
-            if let Some(Purpose::Multisine(repeat)) = self.plan.stages.get(number).map(|stage| stage.purpose) {
-                gathered.measured.multisines.push(multisine::restore(&recorder, repeat)?);
+            let Some(stage) = self.plan.stages.get(number) else { continue };
+            if let Purpose::Multisine(repeat) = stage.purpose {
+                let (found, kept) = self.multisine(stage, repeat)?;
+                beside.lines += found.len();
+                let known = (&gathered.measured.correction, kept.flagged, kept.took_s);
+                gathered.measured.multisines.push(multisine::write(&recorder, (&self.experiment, stage, repeat), &found, known)?);
+            }
+            for step in &stage.steps {
+                let Step::Trace(trace) = step else { continue };
+                self.trace((&mut recorder, &gathered.measured.correction), trace, &mut beside)?;
             }
             let Some(of) = self.swept(number) else { continue };
             let sweeping = gathered.sweeping(of);
@@ -177,7 +190,7 @@ impl Recorded {
         if whole {
             results::write(&mut recorder, &self.experiment, &measured)?;
         }
-        Ok(measured)
+        Ok(beside)
     }
 
     fn swept(&self, stage: usize) -> Option<(Fixture, usize)> {

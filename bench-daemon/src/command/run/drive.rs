@@ -73,7 +73,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         self.executor.take_over(latest, left_c);
         for (number, stage) in self.plan.stages.iter().enumerate().filter(|(number, _)| past.story.finished(*number)) {
             if let Purpose::Multisine(repeat) = stage.purpose {
-                self.gathered.measured.multisines.push(multisine::restore(self.executor.recorder, repeat)?);
+                self.gathered.measured.multisines.push(multisine::restore(self.executor.recorder.folder(), repeat)?);
             }
             let Purpose::Sweep(fixture, repeat) = stage.purpose else { continue };
             let points: Vec<&PointDone> = past.story.stages.get(&number).map_or_else(Vec::new, |story| story.points.values().collect());

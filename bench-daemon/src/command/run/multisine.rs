@@ -1,21 +1,22 @@
 //! A measured multisine in files: its spectrum as any other, and what each line says of noise and distortion.
 
-use std::fmt::Write as _;
+use std::{fmt::Write as _, path::Path};
 
 use analysis::{
+    calibration::Correction,
     dataset::{self, FlaggedPoint, Role, SweepEntry},
     multisine::Line,
-    spectrum::{ImpedancePoint, Spectrum},
+    spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, raw_impedance},
 };
 use instruments::mock::plant::Fixture;
 
 use super::{Measured, sweeping};
 use crate::{
     command::Failure,
-    executor::{Entrance, Executor, SweepPoint},
-    fixture_check,
+    config::Experiment,
+    executor::{Entrance, Executor},
     plan::{Stage, Step, fixture_name},
-    record::Recorder,
+    record::{RecordError, Recorder},
 };
 
 /// What one multisine measured.
@@ -38,6 +39,9 @@ pub struct MultisineRun {
     pub took_s: f64,
 }
 
+/// A line: its phasors, the scope's V/div, what it says of noise and distortion.
+pub(super) type Found = (ChannelPhasors, [f64; 4], Line);
+
 /// Measures a multisine and writes its files: `multisine.csv`, `raw_multisine.csv`, `multisine_lines.csv`, and all that is told of it in `multisine.json`.
 pub(super) async fn measure(
     executor: &mut Executor<'_>,
@@ -49,44 +53,50 @@ pub(super) async fn measure(
     // A multisine that was interrupted is done again whole: it takes back what it gives.
     let points = executor.stage((number, stage), &Entrance::default(), &mut |_, _| Ok(())).await?;
     let took_s = executor.clock.now_s() - start_s;
-    let corrected: Vec<ImpedancePoint> = points.iter().map(|point| measured.correction.apply(&point.phasors)).collect();
-    executor.recorder.spectrum(&named("raw_multisine.csv", repeat), &fixture_check::raw_points(&experiment.bench, &points))?;
-    executor.recorder.spectrum(&named("multisine.csv", repeat), &corrected)?;
-    executor.recorder.text(&named("multisine_lines.csv", repeat), &table(&executor.lines))?;
     for point in &points {
         for warning in &point.warnings {
             executor.recorder.point_warning("multisine", point.phasors.freq_hz, warning);
         }
     }
-    dataset::write_spectrum_parquet(&executor.recorder.path(&named("multisine.parquet", repeat)), &corrected)
-        .map_err(crate::record::RecordError::from)?;
     let recorder = &mut *executor.recorder;
     let flagged = sweeping::flags(&points, &mut |freq_hz, text| recorder.point_warning("multisine", freq_hz, text));
-    let own = |point: &SweepPoint| {
-        let covariance = measured.correction.measured_parts(&point.phasors).into_iter().sum();
-        ImpedancePoint { covariance, ..measured.correction.apply(&point.phasors) }
-    };
-    let own_noise = Spectrum { name: experiment.name.clone(), points: points.iter().map(own).collect() };
-    let spectrum = Spectrum { name: experiment.name.clone(), points: corrected };
-    let volts_per_div = points.iter().map(|point| point.volts_per_div).collect();
-    let run = MultisineRun {
-        spectrum,
-        own_noise,
-        noise_dof: noise_dof(stage),
-        flagged,
-        lines: std::mem::take(&mut executor.lines),
-        volts_per_div,
-        took_s,
-    };
-    executor.recorder.json(&named("multisine.json", repeat), &run)?;
+    let lines = std::mem::take(&mut executor.lines);
+    let found: Vec<Found> = points.iter().zip(lines).map(|(point, line)| (point.phasors, point.volts_per_div, line)).collect();
+    let run = write(executor.recorder, (experiment, stage, repeat), &found, (&measured.correction, flagged, took_s))?;
     let entry = SweepEntry { flagged: run.flagged.clone(), ..entry(executor, (stage, repeat), (start_s, measured)) };
     executor.recorder.sweep(entry)?;
     Ok(run)
 }
 
+/// Writes all files of a multisine, from its lines.
+pub(super) fn write(
+    recorder: &Recorder,
+    (experiment, stage, repeat): (&Experiment, &Stage, usize),
+    found: &[Found],
+    (correction, flagged, took_s): (&Correction, Vec<FlaggedPoint>, f64),
+) -> Result<MultisineRun, Failure> {
+    let corrected: Vec<ImpedancePoint> = found.iter().map(|(phasors, ..)| correction.apply(phasors)).collect();
+    let raw: Vec<ImpedancePoint> = found.iter().map(|(phasors, ..)| raw_impedance(phasors, experiment.bench.wiring.shunt.r_ohm)).collect();
+    let lines: Vec<Line> = found.iter().map(|(.., line)| *line).collect();
+    recorder.spectrum(&named("raw_multisine.csv", repeat), &raw)?;
+    recorder.spectrum(&named("multisine.csv", repeat), &corrected)?;
+    recorder.text(&named("multisine_lines.csv", repeat), &table(&lines))?;
+    dataset::write_spectrum_parquet(&recorder.path(&named("multisine.parquet", repeat)), &corrected).map_err(RecordError::from)?;
+    let own = |(phasors, ..): &Found| {
+        let covariance = correction.measured_parts(phasors).into_iter().sum();
+        ImpedancePoint { covariance, ..correction.apply(phasors) }
+    };
+    let own_noise = Spectrum { name: experiment.name.clone(), points: found.iter().map(own).collect() };
+    let spectrum = Spectrum { name: experiment.name.clone(), points: corrected };
+    let volts_per_div = found.iter().map(|(_, volts_per_div, _)| *volts_per_div).collect();
+    let run = MultisineRun { spectrum, own_noise, noise_dof: noise_dof(stage), flagged, lines, volts_per_div, took_s };
+    recorder.json(&named("multisine.json", repeat), &run)?;
+    Ok(run)
+}
+
 /// What a multisine of an earlier process measured.
-pub(super) fn restore(recorder: &Recorder, repeat: usize) -> Result<MultisineRun, Failure> {
-    let path = recorder.path(&named("multisine.json", repeat));
+pub(super) fn restore(folder: &Path, repeat: usize) -> Result<MultisineRun, Failure> {
+    let path = folder.join(named("multisine.json", repeat));
     let text = std::fs::read_to_string(&path).map_err(|error| Failure::Analysis(format!("{}: {error}", path.display())))?;
     serde_json::from_str(&text).map_err(|error| Failure::Analysis(format!("{}: {error}", path.display())))
 }
@@ -119,7 +129,7 @@ fn noise_dof(stage: &Stage) -> f64 {
 }
 
 /// A file of the first repeat is called as it is, of a further one with its number.
-fn named(file: &str, repeat: usize) -> String {
+pub(super) fn named(file: &str, repeat: usize) -> String {
     if repeat == 1 { file.to_owned() } else { file.replacen('.', &format!("_{repeat}."), 1) }
 }
 

@@ -20,6 +20,7 @@ use crate::{
     journal::Entry,
     operator::Operator,
     plan::Checked,
+    present::quoted,
     progress::Progress,
     record::Recorder,
     sim::Simulation,
@@ -147,7 +148,7 @@ impl Run<'_> {
         let config = &self.experiment.bench;
         let source = self.experiment.sources.iter().find(|source| source.path() == config.path);
         let Some(why) = doctor::standing(config, source.map_or("", |source| source.text()), identities) else { return Ok(()) };
-        let what = format!("{why}; `eis-bench doctor {}` looks at it", config.path.display());
+        let what = format!("{why}; `eis-bench doctor {}` looks at it", quoted(&config.path));
         if config.doctor.required {
             return Err(Failure::Usage(format!("the bench file requires a report of the doctor: {what}")));
         }

@@ -130,11 +130,12 @@ fn summary(
     if let (Some(first), Some(last)) = (measured.spectrum.points.first(), measured.spectrum.points.last()) {
         for point in [first, last] {
             lines.push(format!(
-                "{first_of}|Z| at {:>8.3} Hz: {:.4} ± {:.4} mΩ, phase {:+.2}°",
+                "{first_of}|Z| at {:>8.3} Hz: {:.4} ± {:.4} mΩ, phase {:+.2} ± {:.2}°",
                 point.freq_hz,
                 1.0e3 * point.magnitude_ohm(),
-                2.0e3 * point.magnitude_sigma_ohm(),
-                point.phase_rad().to_degrees()
+                1.0e3 * point.magnitude_sigma_ohm(),
+                point.phase_rad().to_degrees(),
+                point.phase_sigma_rad().to_degrees()
             ));
         }
     }

@@ -84,7 +84,7 @@ impl Session {
 
     fn play(&mut self, experiment: &Experiment, folder: &Path, past: Option<Past>) -> Result<Finished, Failure> {
         let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
-        experiment.cell.wide.iter().for_each(|text| remark!("eis-bench: {text}"));
+        experiment.cell.wide.iter().for_each(|text| remark!("note: {text}"));
         let operator = Operator::detect();
         refuse_without_person(experiment, operator)?;
         let Some(runtime) = &self.runtime else { return Err(Failure::Panic("the bench's session has ended".to_owned())) };

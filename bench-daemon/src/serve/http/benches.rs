@@ -204,7 +204,7 @@ pub struct Trips {
 pub struct Happened {
     /// Which of them.
     what: String,
-    /// Who cleared.
+    /// Who cleared: the name of the token, or the account on a terminal or where no token is asked for.
     who: Option<String>,
     /// The cause.
     cause: Option<String>,
@@ -216,7 +216,7 @@ pub struct Happened {
 #[utoipa::path(post, path = "/api/v1/benches/{bench}/trips/clear", tag = "trips", params(("bench" = String, Path)), request_body = Confirm,
     responses((status = 200, body = TripNow)), security(("token" = ["clear-trip"])))]
 pub async fn clear(
-    _caller: Clearer,
+    caller: Clearer,
     State(app): State<App>,
     Path(bench): Path<String>,
     Json(confirm): Json<Confirm>,
@@ -230,7 +230,7 @@ pub async fn clear(
     if confirm.cause != trip.cause {
         return Err(Refusal::conflict(format!("expected the cause that is shown now, {:?}, found {:?}", trip.cause, confirm.cause)));
     }
-    state.clear(&trip).map_err(|error| Refusal::machine(&error))?;
+    state.clear(&trip, caller.secret.as_ref().map(|_| caller.name.as_str())).map_err(|error| Refusal::machine(&error))?;
     Ok(Json(trip.into()))
 }
 

@@ -11,7 +11,7 @@ use std::{
     time::Duration,
 };
 
-use axum::{Router, extract::Request};
+use axum::{Router, extract::Request, http::StatusCode};
 use hyper::{body::Incoming, server::conn::http1, service::service_fn};
 use hyper_util::{
     rt::{TokioIo, TokioTimer},
@@ -26,7 +26,12 @@ use tokio::{
 };
 use tokio_rustls::TlsAcceptor;
 
-use super::{App, guard::Peer, router};
+use super::{
+    App,
+    guard::Peer,
+    problem::{Problem, code_of},
+    router,
+};
 use crate::{command::Failure, serve::Server};
 
 /// Longest head of a request, bytes.
@@ -104,7 +109,7 @@ where
         request.extensions_mut().insert(Peer(peer.ip()));
         hyper::service::Service::call(&service, request)
     });
-    let stream = Patient { stream, clock: clock.clone(), patience, waits: None };
+    let stream = Patient { stream, clock: clock.clone(), patience, waits: None, instead: None };
     // However a connection ends is its peer's business.
     let _ = http1::Builder::new()
         .timer(TokioTimer::new())
@@ -131,12 +136,38 @@ fn acceptor(certificate: &std::path::Path, key: &std::path::Path) -> Result<TlsA
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
-/// A stream that gives up a peer which does not take what it is sent.
+/// A stream that gives up a peer which does not take what it is sent. What the HTTP library answers by itself, to a head that is none or is too long, gets the
+/// shape of every other refusal.
 struct Patient<S> {
     stream: S,
     clock: Clock,
     patience: Duration,
     waits: Option<Pin<Box<dyn Future<Output = ()> + Send>>>,
+    /// What is sent in the place of such an answer, and how much of it was.
+    instead: Option<(Vec<u8>, usize)>,
+}
+
+/// A refusal in the place of one that the library made, which has no body; none for any other answer.
+fn instead_of(answer: &[u8]) -> Option<Vec<u8>> {
+    let text = std::str::from_utf8(answer).ok()?;
+    let status: u16 = text.strip_prefix("HTTP/1.")?.get(2..5)?.parse().ok()?;
+    let lower = text.to_ascii_lowercase();
+    let bare = (400..500).contains(&status) && lower.ends_with("\r\n\r\n") && !lower.contains("\r\ncontent-type:");
+    if !bare || !lower.contains("\r\ncontent-length: 0\r\n") {
+        return None;
+    }
+    let status = StatusCode::from_u16(status).ok()?;
+    let message = match status {
+        StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE => {
+            format!("expected a head of at most {HEAD_BYTES} bytes and 100 lines, found a longer one")
+        }
+        StatusCode::URI_TOO_LONG => "expected a shorter path".to_owned(),
+        _ => "expected a request of HTTP/1.1, found something else".to_owned(),
+    };
+    let body = serde_json::to_string(&Problem { code: code_of(status).to_owned(), message }).ok()?;
+    let head =
+        format!("HTTP/1.1 {status}\r\ncontent-type: application/json\r\ncontent-length: {}\r\nconnection: close\r\n\r\n", body.len());
+    Some((head + &body).into_bytes())
 }
 
 impl<S> Patient<S> {
@@ -160,6 +191,21 @@ impl<S: AsyncRead + Unpin> AsyncRead for Patient<S> {
 
 impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
     fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        if self.instead.is_none() {
+            self.instead = instead_of(bytes).map(|answer| (answer, 0));
+        }
+        while let Some((answer, done)) = self.instead.take() {
+            let sent = Pin::new(&mut self.stream).poll_write(context, &answer[done..]);
+            let sent = self.judge(context, sent);
+            let Poll::Ready(Ok(count)) = sent else {
+                self.instead = Some((answer, done));
+                return sent;
+            };
+            if done + count >= answer.len() {
+                return Poll::Ready(Ok(bytes.len()));
+            }
+            self.instead = Some((answer, done + count));
+        }
         let sent = Pin::new(&mut self.stream).poll_write(context, bytes);
         self.judge(context, sent)
     }
@@ -172,5 +218,26 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let sent = Pin::new(&mut self.stream).poll_shutdown(context);
         self.judge(context, sent)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::instead_of;
+
+    #[test]
+    fn only_an_answer_that_the_library_made_is_exchanged() {
+        let bare = b"HTTP/1.1 431 Request Header Fields Too Large\r\nconnection: close\r\ncontent-length: 0\r\n\r\n";
+        let text = String::from_utf8(instead_of(bare).unwrap()).unwrap();
+        assert!(text.starts_with("HTTP/1.1 431 Request Header Fields Too Large\r\n"), "{text}");
+        assert!(text.contains("{\"code\":\"head_too_large\",\"message\":\"expected a head of at most 16384 bytes"), "{text}");
+        for kept in [
+            "HTTP/1.1 404 Not Found\r\ncontent-type: application/json\r\ncontent-length: 0\r\n\r\n",
+            "HTTP/1.1 200 OK\r\ncontent-length: 0\r\n\r\n",
+            "HTTP/1.1 400 Bad Request\r\ncontent-length: 5\r\n\r\nhello",
+            "any bytes of a body",
+        ] {
+            assert_eq!(instead_of(kept.as_bytes()), None, "{kept}");
+        }
     }
 }

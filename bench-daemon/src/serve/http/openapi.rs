@@ -30,15 +30,17 @@ struct Document;
 struct Common;
 
 /// Refusals that any request may meet, and those of requests with a token.
-const REFUSALS: [(&str, &str); 8] = [
+const REFUSALS: [(&str, &str); 10] = [
     ("400", "The path, the query or the body is not as expected."),
     ("403", "Another host or origin is meant, or the token lacks the scope."),
     ("404", "There is no such thing."),
     ("408", "The body took too long."),
     ("413", "The body is too large."),
+    ("414", "The path is too long."),
     ("415", "The body is no JSON."),
     ("422", "The body is JSON, but not what is expected."),
     ("429", "Too many requests."),
+    ("431", "The head is too large."),
 ];
 const WITH_TOKEN: [(&str, &str); 3] =
     [("401", "No token, or one of nobody."), ("409", "Not as things are."), ("503", "The machine does not let it.")];

@@ -64,9 +64,11 @@ pub fn code_of(status: StatusCode) -> &'static str {
         408 => "too_slow",
         409 => "conflict",
         413 => "too_large",
+        414 => "path_too_long",
         415 => "not_json",
         422 => "unfit",
         429 => "too_many",
+        431 => "head_too_large",
         503 => "unavailable",
         _ => "refused",
     }

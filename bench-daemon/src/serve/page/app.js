@@ -2,7 +2,7 @@
 "use strict";
 
 import { Refused, file, get, listen, post, remove, server, useToken } from "./server.js";
-import { $, drawInstruments, drawNow, drawRun, drawStop, drawTrip, duration, el, text, when } from "./bench.js";
+import { $, drawInstruments, drawNow, drawRun, drawStop, drawTrip, duration, el, person, text, when } from "./bench.js";
 import { MARKS, bode, make, mark, nyquist } from "./plots.js";
 
 const known = { benches: new Map(), bench: "", scopes: [], queue: { items: [], held: {} }, runs: [], spectra: new Map(), chosen: [], failing: 0 };
@@ -45,6 +45,7 @@ async function stop() {
       benches ||= (await get("/whoami")).benches;
       known.bench ||= benches[0];
       (await Promise.all(benches.map((bench) => post(`/benches/${bench}/stop`)))).forEach(stopped);
+      say("");
       break;
     } catch (error) {
       if (error instanceof Refused && (error.status === 401 || error.status === 403)) {
@@ -86,6 +87,9 @@ async function load(run) {
   known.spectra.set(run, new Map(found.map((one) => [one.name, one])));
 }
 
+// What a sweep is called in words: `raw_fake_cell` is the fake cell.
+const named = (name) => name.replace(/^raw_/, "").replaceAll("_", " ");
+
 // Of a run its corrected spectra, or, while it has none, the sweep that grows.
 function shown(run) {
   const all = [...(known.spectra.get(run) || new Map()).values()];
@@ -96,7 +100,7 @@ function shown(run) {
 function curves() {
   const runs = known.chosen.length ? known.chosen : [live() && live().run && live().run.run].filter(Boolean);
   const found = [];
-  for (const run of runs) for (const one of shown(run)) found.push({ name: runs.length > 1 ? `${run}: ${one.name}` : one.name, points: one.points, corrected: one.corrected });
+  for (const run of runs) for (const one of shown(run)) found.push({ name: runs.length > 1 ? `${run}: ${named(one.name)}` : named(one.name), points: one.points, corrected: one.corrected });
   return found.slice(0, 12).map((one, index) => ({ ...one, index }));
 }
 
@@ -109,7 +113,7 @@ function drawSpectra() {
       make("polyline", { points: "1,7 33,7" }), mark(MARKS[one.index % MARKS.length], 17, 7, 4));
     sample.lastChild.classList.add("mark");
     return el("span", {}, sample, ` ${one.name} (${one.points.length} ${one.points.length === 1 ? "point" : "points"}${one.corrected ? "" : ", as read"})`);
-  }));
+  }), found.length ? el("span", { class: "quiet" }, "bars: ±2σ") : "");
   const head = ["Spectrum", "f / Hz", "Re Z / mΩ", "Im Z / mΩ", "±σ Re / µΩ"];
   const cell = (value, digits) => el("td", {}, value === null ? "–" : value.toPrecision(digits));
   $("points").replaceChildren(el("table", {}, el("thead", {}, el("tr", {}, ...head.map((name) => el("th", { scope: "col" }, name)))),
@@ -125,7 +129,7 @@ function drawQueue() {
   const move = (item) => post("/queue/order", { ids: [item.id] });
   $("items").replaceChildren(...(items.length ? items : [null]).map((item) => {
     if (!item) return el("li", { class: "quiet" }, "Empty.");
-    const words = `${item.run} on ${item.bench}, ${item.kind === "resume" ? "to go on, " : ""}about ${duration(item.expected_s)} of bench time, by ${item.by}`;
+    const words = `${item.run} on ${item.bench}, ${item.kind === "resume" ? "to go on, " : ""}about ${duration(item.expected_s)} of bench time, by ${person(item.by)}`;
     const cancel = !item.process && may("operate") ? el("button", { type: "button", onclick: () => attempt(() => remove(`/queue/${item.id}`), () => `${item.run} was taken out.`) }, "Take out") : null;
     const first = cancel && waiting[0] !== item ? el("button", { type: "button", onclick: () => attempt(() => move(item)) }, "First") : null;
     return el("li", {}, item.process ? el("b", {}, "▶ in work: ") : "", words, " ", first, cancel);
@@ -147,7 +151,7 @@ function drawHistory() {
     if (job.ended && job.ended.finished) acts.push(el("button", { type: "button", onclick: () => keep(run, "report.html") }, "Report"));
     if (job.ended && !job.ended.finished && may("energise")) acts.push(el("button", { type: "button", onclick: () => attempt(() => post(`/runs/${run}/resume`), () => `${run} waits to go on.`) }, "Go on"));
     return el("tr", {}, el("td", { "data-name": "Compare" }, box), el("th", { scope: "row" }, run), el("td", { "data-name": "Bench" }, job.item.bench),
-      el("td", { "data-name": "Submitted" }, when(job.item.submitted_unix_s)), el("td", { "data-name": "By" }, job.item.by), el("td", {}, how), el("td", {}, ...acts));
+      el("td", { "data-name": "Submitted" }, when(job.item.submitted_unix_s)), el("td", { "data-name": "By" }, person(job.item.by)), el("td", {}, how), el("td", {}, ...acts));
   };
   $("runs").replaceChildren(...known.runs.slice(0, 100).map(row));
 }
@@ -192,7 +196,10 @@ function draw() {
   drawActs();
   drawInstruments(now);
   drawTrip(now, (one) => attempt(() => post(`/benches/${one.bench}/trips/clear`, { cause: one.trip.cause }), () => `${one.bench} is cleared.`));
-  if (now.stop) stopped(now.stop);
+  // What a stop has shown is no longer so once something runs again, or has tripped since.
+  const over = now.state === "running" || now.state === "paused" || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
+  if (over) $("stopped").hidden = true;
+  else if (now.stop) stopped(now.stop);
   $("identify").hidden = !may("operate");
   $("submit").hidden = !may("energise");
 }

@@ -27,7 +27,17 @@ export function duration(seconds) {
   return `${Math.floor(s / 3600)} h ${String(Math.floor((s % 3600) / 60)).padStart(2, "0")} min`;
 }
 
-export const when = (unix_s) => (unix_s ? new Date(1e3 * unix_s).toLocaleString() : "–");
+// Local time, the same everywhere: 2026-11-22 08:22:35.
+export function when(unix_s) {
+  if (!unix_s) return "–";
+  const at = new Date(1e3 * unix_s);
+  return new Date(at - 60000 * at.getTimezoneOffset()).toISOString().slice(0, 19).replace("T", " ");
+}
+
+// Who did something: without tokens nobody has a name.
+export const person = (who) => (who === "local" ? "somebody on this machine" : who);
+
+const ROLES = { supply4q: "bipolar supply" };
 
 const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
 
@@ -116,7 +126,7 @@ export function drawInstruments(live) {
     const age = one.answered_s === null ? "–" : going ? `${duration(Math.max(0, now - one.answered_s))} ago` : "last run";
     const who = one.identity ? `${one.model}${one.recognised === false ? " ✕ another model answers" : ""}` : `${one.model} (not asked yet)`;
     const answer = one.trouble ? `▲ ${one.trouble}` : one.answered_s === null ? "not asked" : going ? `answered ${age}` : "in the last run";
-    return el("tr", { class: one.trouble ? "trouble" : "" }, el("th", { scope: "row" }, one.role), el("td", {}, output, el("small", {}, answer)),
+    return el("tr", { class: one.trouble ? "trouble" : "" }, el("th", { scope: "row", title: one.role }, ROLES[one.role] || one.role), el("td", {}, output, el("small", {}, answer)),
       el("td", { title: one.identity || "" }, who, el("small", {}, one.address)));
   }));
 }
@@ -145,7 +155,7 @@ export function drawStop(report) {
   banner.dataset.key = key;
   banner.className = `banner ${!report.over ? "note" : report.verified || report.simulated ? "fine" : "bad"}`;
   banner.replaceChildren(
-    el("strong", {}, head), ` By ${report.by}, ${when(report.unix_s)}.`,
+    el("strong", {}, head), ` By ${person(report.by)}, ${when(report.unix_s)}.`,
     el("details", { open: report.over && !report.verified && !report.simulated }, el("summary", {}, "What was done and read back"), el("ul", {}, ...report.steps.map((step) => el("li", {}, step)), ...report.outputs.map((output) => el("li", { class: output.off ? "" : "bad" }, `${output.off ? "○" : "▲"} ${output.text}`)))),
     ...(report.over ? [el("button", { type: "button", onclick: () => { banner.hidden = true; banner.dataset.gone = String(report.unix_s); } }, "Close this message")] : []),
   );

@@ -256,7 +256,7 @@ fn picture(experiment: &Experiment, campaign: &Campaign, cells: &[(usize, &Spect
     };
     let mean = Spectrum { name: "mean of the cells".to_owned(), points: spread.iter().map(point).collect() };
     series.push(Series::data(&mean, campaign.cells.len()).styled(SeriesStyle::Curve));
-    ImpedancePlot::new(&format!("Campaign {}, {} spectra", experiment.name, cells.len()), &experiment.cell.name, series)
+    ImpedancePlot::new(&format!("All {} spectra of the campaign", cells.len()), &experiment.cell.name, series)
 }
 
 fn percent(share: Option<f64>) -> String {

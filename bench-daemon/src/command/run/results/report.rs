@@ -24,7 +24,7 @@ use crate::{
     config::Experiment,
     fixture_check,
     journal::ConfigCopy,
-    present::{branches_table, fit_warnings, models_table, significant},
+    present::{branches_table, fit_warnings, models_table, quoted, significant},
     record::Recorder,
     sums::SUMS,
 };
@@ -196,9 +196,15 @@ fn verdicts(recorder: &Recorder, measured: &Measured) -> Vec<Verdict> {
     let level = |passed: bool| if passed { Level::Good } else { Level::Bad };
     let mut verdicts = Vec::new();
     for control in &measured.controls {
-        verdicts.push(Verdict { level: level(control.raw.passed), text: format!("{}, as read: {}", control.control, control.raw.text) });
+        // What the correction is computed from need not be right, only near enough.
+        let (raw, what) = match (&control.corrected, control.raw.passed) {
+            (Some(_), true) => (Level::Note, "as read, before the correction"),
+            (_, passed) => (level(passed), "as read"),
+        };
+        let name = control.control.replace('_', " ");
+        verdicts.push(Verdict { level: raw, text: format!("{name}, {what}: {}", control.raw.text) });
         if let Some(verdict) = &control.corrected {
-            verdicts.push(Verdict { level: level(verdict.passed), text: format!("{}, corrected: {}", control.control, verdict.text) });
+            verdicts.push(Verdict { level: level(verdict.passed), text: format!("{name}, corrected: {}", verdict.text) });
         }
     }
     verdicts.extend(fixture_check::believed_in_words(&measured.controls).map(|text| Verdict { level: Level::Note, text }));
@@ -343,7 +349,7 @@ fn provenance(recorder: &Recorder, experiment: &Experiment, copies: &[ConfigCopy
     rows.push(("instruments".to_owned(), "manifest.json beside this page".to_owned()));
     rows.push(("all files' hashes".to_owned(), format!("{SUMS} beside this page; `eis-bench verify` holds the folder against them")));
     if let [first, bench, ..] = copies {
-        let (first, bench) = (first.path.display(), bench.path.display());
+        let (first, bench) = (quoted(&first.path), quoted(&bench.path));
         let text = format!("eis-bench run {first} --bench {bench} --seed {}", experiment.seed);
         rows.push(("to repeat it".to_owned(), text));
     }
