@@ -294,14 +294,14 @@ fn a_control_is_judged_in_words() {
     assert!(right.passed && (right.worst_magnitude_rel - 0.005 * 26.96 / 9.96).abs() < 1e-4, "{right:?}");
     assert_eq!(
         right.text,
-        "control of 9.960 mΩ measures right: magnitude off by +1.35 % at 300 Hz, within the tolerance of 2 %; phase off by +0.01° at 300 Hz, \
+        "control of 9.960 mΩ passes: magnitude off by +1.35 % at 300 Hz, within the tolerance of 2 %; phase off by +0.01° at 300 Hz, \
          within the tolerance of 1°"
     );
     let wrong = verdict(&Bench { mutual_shunt_h: 0.1e-6, ..bench }, ControlTolerance { magnitude_rel: 0.01, ..tolerance });
     assert!(!wrong.passed && wrong.worst_phase_freq_hz > 299.0, "{wrong:?}");
     assert_eq!(
         wrong.text,
-        "control of 9.960 mΩ measures WRONG: magnitude off by +1.37 % at 300 Hz, OUTSIDE the tolerance of 1 %; phase off by +1.08° at 300 Hz, \
+        "control of 9.960 mΩ FAILS: magnitude off by +1.37 % at 300 Hz, OUTSIDE the tolerance of 1 %; phase off by +1.08° at 300 Hz, \
          OUTSIDE the tolerance of 1°"
     );
     let none = check_control(&[], &exactly(SHUNT), &tolerance);

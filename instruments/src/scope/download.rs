@@ -86,7 +86,10 @@ impl Instrument<dyn Dialect> {
             return self.download(channel, points).await;
         }
         let script = self.dialect.beside(channel, stride);
-        self.chosen(channel, (stride, in_memory), &script).await
+        let waveform = self.chosen(channel, (stride, in_memory), &script).await?;
+        // A page that was too short for the channel before, which was thinned out here then, is too short for this one.
+        let whole = waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride);
+        if whole { Ok(waveform) } else { self.download(channel, points).await }
     }
 
     /// Downloads one channel with a stride; with a stride above 1, one page of it.

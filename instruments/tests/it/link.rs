@@ -4,7 +4,7 @@ use std::{cell::Cell, future::Future, time::Duration};
 
 use instruments::{
     clock::{Clock, TimeMode},
-    link::{Grammar, Link, LinkError, LinkProfile},
+    link::{Link, LinkError, LinkProfile},
     scpi::block::encode_definite,
     transcript::Tap,
     transport::MemoryHub,
