@@ -52,7 +52,7 @@ pub struct DiagnoseArgs {
 /// A file or an argument that is not as expected; a folder that cannot be written. Any verdict, `invalid` too, is a result and no error.
 pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     let judged = Judged::read(&args.data, &args.model, args.ocv.as_deref())?;
-    let cells = judged.cells(args)?;
+    let cells = judged.cells(args.specimen.as_deref())?;
     if args.bench.is_some() && cells.len() > 1 {
         let reason =
             format!("--bench: expected one cell to write its next experiment for, found {}; choose with --specimen", cells.join(", "));
@@ -93,6 +93,36 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Folder of the diagnosis that a run makes of itself.
+const IN_RUN: &str = "diagnosis";
+
+/// The last step of a run that asks for it: its own data against one of its own models, each cell by itself, written below its folder. In words; a diagnosis
+/// that cannot be made costs nothing of what was measured.
+pub(crate) fn of_run(run: &Path, rc: usize) -> String {
+    let told = diagnose_run(run, rc).unwrap_or_else(|failure| vec![format!("could not be made: {failure}")]);
+    told.iter().map(|line| format!("diagnosis:  {line}\n")).collect()
+}
+
+fn diagnose_run(run: &Path, rc: usize) -> Result<Vec<String>, Failure> {
+    let mut all = Judged::read(run, &run.join(format!("model_{rc}rc.json")), None)?;
+    all.within = Some(run.to_owned());
+    let cells = all.cells(None)?;
+    let mut told = Vec::new();
+    for name in &cells {
+        let (folder, prefix) = match cells.len() {
+            1 => (run.join(IN_RUN), String::new()),
+            _ => (run.join(IN_RUN).join(name), format!("cell {name}: ")),
+        };
+        let mut judged = all.of_cell(name);
+        judged.specimen = (cells.len() > 1).then(|| name.clone());
+        let outcome = judged.diagnose()?;
+        write(&folder, &outcome, &judged)?;
+        let diagnosis = &outcome.diagnosis;
+        told.push(format!("{prefix}{}; {}", diagnosis.summary, folder.join("diagnosis.html").display()));
+    }
+    Ok(told)
+}
+
 fn json(outcome: &Outcome) -> Result<String, Failure> {
     serde_json::to_string_pretty(&outcome.diagnosis).map_err(|error| Failure::Analysis(error.to_string()))
 }
@@ -108,6 +138,8 @@ pub(super) struct Judged {
     ocv: Option<PathBuf>,
     /// The one cell that is meant, where there are several.
     specimen: Option<String>,
+    /// The run folder of which it is a step: what it tells of files is told from there, so that a run is the same in whichever folder.
+    within: Option<PathBuf>,
 }
 
 impl Judged {
@@ -126,11 +158,11 @@ impl Judged {
         }
         let model = BaseModel { name: file.name.clone(), erm: file.fit.erm.clone(), ocv: curve };
         let (loaded, ocv) = (read_dataset(data)?, ocv.map(Path::to_owned));
-        Ok(Self { loaded, model, file, data: data.to_owned(), path: path.to_owned(), ocv, specimen: None })
+        Ok(Self { loaded, model, file, data: data.to_owned(), path: path.to_owned(), ocv, specimen: None, within: None })
     }
 
     /// The names of the cells that are to be judged, each by itself: a model is one cell's.
-    fn cells(&self, args: &DiagnoseArgs) -> Result<Vec<String>, Failure> {
+    fn cells(&self, specimen: Option<&str>) -> Result<Vec<String>, Failure> {
         let mut cells: Vec<String> = Vec::new();
         for run in &self.loaded.set.runs {
             if let Fixture::Cell(name) = &run.fixture
@@ -139,11 +171,11 @@ impl Judged {
                 cells.push(name.clone());
             }
         }
-        match &args.specimen {
-            Some(wanted) if !cells.contains(wanted) => {
+        match specimen {
+            Some(wanted) if !cells.iter().any(|cell| cell == wanted) => {
                 Err(Failure::Usage(format!("--specimen: expected one of {}, found {wanted}", cells.join(", "))))
             }
-            Some(wanted) => Ok(vec![wanted.clone()]),
+            Some(wanted) => Ok(vec![wanted.to_owned()]),
             // Without any run of a cell there is still something to be said.
             None if cells.is_empty() => Ok(vec![String::new()]),
             None => Ok(cells),
@@ -156,17 +188,30 @@ impl Judged {
         set.runs.retain(|run| !matches!(&run.fixture, Fixture::Cell(other) if other != name));
         let loaded = Loaded { set, problems: self.loaded.problems.clone(), notes: self.loaded.notes.clone() };
         let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
-        Self { loaded, model, file, data: self.data.clone(), path: self.path.clone(), ocv, specimen: self.specimen.clone() }
+        let (specimen, within) = (self.specimen.clone(), self.within.clone());
+        Self { loaded, model, file, data: self.data.clone(), path: self.path.clone(), ocv, specimen, within }
+    }
+
+    /// A path as it is told.
+    fn told(&self, path: &Path) -> String {
+        match self.within.as_ref().and_then(|folder| path.strip_prefix(folder).ok()) {
+            Some(below) if below.as_os_str().is_empty() => ".".to_owned(),
+            Some(below) => below.display().to_string(),
+            None => path.display().to_string(),
+        }
     }
 
     /// The command that gives the same diagnosis.
     fn again(&self) -> String {
-        let mut text = format!("eis-bench diagnose {} --model {}", self.data.display(), self.path.display());
+        let mut text = format!("eis-bench diagnose {} --model {}", self.told(&self.data), self.told(&self.path));
         if let Some(ocv) = &self.ocv {
-            text.push_str(&format!(" --ocv {}", ocv.display()));
+            text.push_str(&format!(" --ocv {}", self.told(ocv)));
         }
         if let Some(specimen) = &self.specimen {
             text.push_str(&format!(" --specimen {specimen}"));
+        }
+        if self.within.is_some() {
+            text.push_str(" (in the run folder)");
         }
         text
     }
@@ -200,7 +245,7 @@ fn page(outcome: &Outcome, judged: &Judged, pictures: &[report::Picture]) -> Res
     let mut page = report::html(&outcome.diagnosis, pictures).map_err(|error| failed(&error))?;
     let hashed = |path: &Path| {
         let sum = if path.is_file() { hash::sha256_of(path).ok() } else { None };
-        format!("{}{}", path.display(), sum.map_or_else(String::new, |sum| format!(", SHA-256 {sum}")))
+        format!("{}{}", judged.told(path), sum.map_or_else(String::new, |sum| format!(", SHA-256 {sum}")))
     };
     let dataset = judged.data.join("dataset.toml");
     let data = if dataset.is_file() { dataset } else { judged.data.join(SUMS) };

@@ -311,6 +311,24 @@ impl Check<'_> {
         let objective: Objective = raw.objective.parse().map_err(|error| self.complain("fit.objective", format!("{error}")))?;
         Ok(Fit { rc: raw.rc.clone(), objective })
     }
+
+    /// The order of the model that is to be diagnosed: the highest that is fitted, where none is said.
+    pub(super) fn diagnosis(&self, raw: &raw::Diagnosis, fit: &Fit, eis: Option<&Eis>) -> Result<usize, ConfigError> {
+        if !eis.is_some_and(|eis| eis.repeat > 0 && eis.fixture == Fixture::Cell) {
+            return Err(self.complain("diagnosis", "expected a sweep of the cell ([eis] with a repeat above 0): the model comes from it"));
+        }
+        if self.cell.ocv.is_none() {
+            return Err(
+                self.complain("diagnosis", "expected a section [ocv] in the cell's file: a model in time needs the voltage at rest")
+            );
+        }
+        let highest = fit.rc.iter().copied().max().unwrap_or(1);
+        match raw.rc {
+            None => Ok(highest),
+            Some(rc) if fit.rc.contains(&rc) => Ok(rc),
+            Some(rc) => Err(self.complain("diagnosis.rc", format!("expected one of the orders of fit.rc, {:?}, found {rc}", fit.rc))),
+        }
+    }
 }
 
 /// `points` frequencies from `start_hz`, evenly spaced on a logarithmic axis, in whole microhertz so that a generator can set them exactly. With

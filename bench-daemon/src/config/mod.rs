@@ -68,6 +68,8 @@ pub struct Experiment {
     pub traces: Vec<Trace>,
     /// The fits.
     pub fit: Fit,
+    /// The order of the fitted model that is diagnosed with the run's own data at its end, where that is asked for.
+    pub diagnosed_rc: Option<usize>,
     /// The files that this was read from.
     pub sources: Vec<Source>,
 }

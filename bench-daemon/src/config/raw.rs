@@ -31,6 +31,7 @@ pub(super) struct Experiment {
     pub(super) traces: Vec<Trace>,
     #[serde(default)]
     pub(super) fit: Fit,
+    pub(super) diagnosis: Option<Diagnosis>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -239,6 +240,13 @@ impl Default for Fit {
     fn default() -> Self {
         Self { rc: vec![1, 2, 3, 4], objective: "complex".to_owned() }
     }
+}
+
+/// The diagnosis at the end of a run.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Diagnosis {
+    pub(super) rc: Option<usize>,
 }
 
 fn five_seconds() -> Quantity<Duration> {

@@ -75,6 +75,7 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
         return Err(source.complain("(whole file)", reason));
     }
     let fit = check.fit(&raw.fit, eis.as_ref().map_or(usize::MAX, |eis| eis.freqs_hz.len()))?;
+    let diagnosed_rc = raw.diagnosis.as_ref().map(|section| check.diagnosis(section, &fit, eis.as_ref())).transpose()?;
     Ok(Experiment {
         name: raw.name,
         seed: raw.seed,
@@ -89,6 +90,7 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
         campaign,
         traces,
         fit,
+        diagnosed_rc,
         sources: [source, bench_source, cell_source].into_iter().chain(scenario_source).chain(trace_sources).collect(),
     })
 }

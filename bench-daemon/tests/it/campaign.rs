@@ -18,6 +18,30 @@ fn files() -> Files {
 }
 
 #[test]
+fn a_campaign_that_asks_for_it_ends_with_a_diagnosis_of_each_cell() {
+    let files = files().append(EXPERIMENT, "[diagnosis]");
+    let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
+    run_experiment(&files.load(), &files.path("again")).unwrap();
+    let run = files.path("run");
+    for cell in ["A", "B"] {
+        let folder = run.join("diagnosis").join(cell);
+        let diagnosis = json(&folder.join("diagnosis.json"));
+        assert!(diagnosis["verdict"].is_string(), "{diagnosis}");
+        let told = format!("diagnosis:  cell {cell}: {}; ", diagnosis["summary"].as_str().unwrap());
+        assert!(finished.summary.contains(&told), "expected {told:?} in {}", finished.summary);
+        let page = fs::read_to_string(folder.join("diagnosis.html")).unwrap();
+        assert!(page.contains(&format!("eis-bench diagnose . --model model_1rc.json --specimen {cell} (in the run folder)")), "{cell}");
+        let again = files.path("again/diagnosis").join(cell).join("diagnosis.html");
+        assert!(page == fs::read_to_string(again).unwrap(), "the page of {cell} differs in another folder");
+    }
+    // It is a part of the run, and held by its hashes.
+    let verified = command(&["verify".as_ref(), run.as_os_str()]).output().unwrap();
+    assert_eq!(verified.status.code(), Some(0), "{}", String::from_utf8_lossy(&verified.stderr));
+    fs::write(run.join("diagnosis/A/diagnosis.json"), "{}").unwrap();
+    assert_ne!(command(&["verify".as_ref(), run.as_os_str()]).output().unwrap().status.code(), Some(0));
+}
+
+#[test]
 fn two_by_two_give_four_spectra_their_spread_and_one_model_and_the_same_files_again() {
     let files = files();
     let finished = run_experiment(&files.load(), &files.path("run")).unwrap();

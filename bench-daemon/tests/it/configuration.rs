@@ -197,6 +197,7 @@ fn what_the_bench_cannot_do_is_refused_before_it_is_begun() {
         (experiment, "\"0.1 Hz\"", "\"299.999999 Hz\"", "neighbouring frequencies are the same microhertz"),
         (experiment, "points = 20", "points = 3", "fit.rc: expected orders of at most 2 for 3 points, found 3"),
         (experiment, "[1, 2, 3, 4]", "[1, 1]", "fit.rc: expected different orders"),
+        (experiment, "[fit]", "[diagnosis]\nrc = 5\n[fit]", "diagnosis.rc: expected one of the orders of fit.rc, [1, 2, 3, 4], found 5"),
         (experiment, "charge_until = \"3.80 V\"", "charge_until = \"4.2 V\"", "soc_reset.charge_until: expected at most 4.180 V"),
         (bench, "\"memory:scope\"", "\"memory:load\"", "expected an address of its own, found that of scope"),
         (bench, "\"memory:scope\"", "\"tcp://127.0.0.1:5025\"", "expected all instruments in this process"),

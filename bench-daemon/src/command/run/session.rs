@@ -12,7 +12,7 @@ use tokio::runtime::Runtime;
 use super::{Finished, Past, play::Run};
 use crate::terminal::remark;
 use crate::{
-    command::Failure,
+    command::{Failure, diagnose},
     config::{self, Experiment},
     custody,
     drill::Drill,
@@ -96,7 +96,7 @@ impl Session {
         let inherited = self.correction.clone().filter(|_| experiment.fixture_check.is_none());
         custody::refuse(&experiment.bench)?;
         let drill = Drill::from_environment(experiment.bench.simulation.is_some()).map_err(Failure::Usage)?;
-        let finished = runtime.block_on(async {
+        let mut finished = runtime.block_on(async {
             let mut recorder = match &past {
                 None => Recorder::create(folder, clock.clone())?,
                 Some(past) => Recorder::reopen(folder, clock.clone(), (&past.read, &past.story))?,
@@ -109,6 +109,9 @@ impl Session {
         self.correction = Some(finished.measured.correction.clone());
         // Nothing may be written into the folder from here on.
         logging::log_off();
+        if let Some(rc) = experiment.diagnosed_rc {
+            finished.summary.push_str(&diagnose::of_run(folder, rc));
+        }
         sums::write(folder)?;
         Ok(finished)
     }
