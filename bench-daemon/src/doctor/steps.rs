@@ -71,7 +71,7 @@ fn ammeter(findings: &mut Findings, step: &Step, (sound, shunt_a, sigma): (bool,
     let expected = format!("{shunt_a:+.4} A, as the shunt carries, ± {} (95 %), ± {} (99 %)", within(COVERAGE.0), within(COVERAGE.1));
     let texts = (expected, format!("{:+.4} A", step.ammeter_a));
     if !sound {
-        findings.skip(&["meters.ammeter"], "the probes cannot be believed", "mend the probes first");
+        findings.skip(&["meters.ammeter"], "probes or controls cannot be believed", "settle first what is wrong with them");
         return false;
     }
     let ratio = step.ammeter_a / shunt_a;
@@ -140,7 +140,7 @@ fn probes(findings: &mut Findings, circuit: &Loop, (mistakes, readings): (&[Mist
         None if circuit.fixture == Fixture::Shunt => {
             findings.skip(&[id], "both pairs are on the shunt", "`--fixture fake_cell` tells the pairs apart");
         }
-        None if unexplained => findings.skip(&[id], "the probes cannot be believed", ""),
+        None if unexplained => findings.skip(&[id], "probes or controls cannot be believed", ""),
         None => findings.add(id, ("each pair on its own resistance", "each pair on its own resistance"), Verdict::Ok, ""),
     }
 }
@@ -165,16 +165,19 @@ fn advice(circuit: &Loop, mine: &[&Mistake], command: [bool; 2]) -> String {
     let of_control = mine.iter().any(|mistake| matches!(mistake, Mistake::Control(_)));
     let decides = match (circuit.fixture, of_shunt, of_control) {
         (Fixture::Shunt, true, _) if command == [true, false] => {
-            "both pairs read the same, and the ammeter shows the current that was commanded: it is the value, or gains of the supply that are off twice;              `--fixture fake_cell` decides by a second control"
+            "Both pairs read the same, and the ammeter shows the current that was commanded: it is the value, or gains of the \
+             supply that are off twice; `--fixture fake_cell` decides by a second control"
         }
         (Fixture::Shunt, true, _) => {
-            "both pairs read the same, so that it is no probe: the value, or the ammeter; `--fixture fake_cell` decides by a second control, or a              meter of known accuracy in series"
+            "Both pairs read the same, so that it is no probe: the value, or the ammeter; `--fixture fake_cell` decides by a second \
+             control, or a meter of known accuracy in series"
         }
         (_, true, _) => {
             "`--fixture shunt` decides: where C3, C4 read on the shunt what C1, C2 do, it is the value or the ammeter, else a probe"
         }
         (_, _, true) => {
-            "`--fixture shunt` decides: where C3, C4 read the shunt right, it is the value, else a probe; the current of the charger through the fake              cell, by its own display, and the voltage across it tell its resistance once more"
+            "`--fixture shunt` decides: where C3, C4 read the shunt right, it is the value, else a probe; the current of the charger through \
+             the fake cell, by its own display, and the voltage across it tell its resistance once more"
         }
         _ => return either,
     };
@@ -216,7 +219,7 @@ fn voltmeter(findings: &mut Findings, (circuit, step): (&Loop, &Step), (sound, j
         return;
     };
     if !sound {
-        findings.skip(&[id], "the probes cannot be believed", "mend the probes first");
+        findings.skip(&[id], "probes or controls cannot be believed", "settle first what is wrong with them");
         return;
     }
     let milli = |volts: f64| format!("{:+.1} mV", 1.0e3 * volts);

@@ -174,7 +174,7 @@ impl Executor<'_> {
         fixture: Fixture,
     ) -> Result<[Waveform; 4], ExecuteError> {
         self.apply_verticals().await?;
-        let screen_s = self.arm(Seconds(eis.periods_on_screen / freq_hz)).await?;
+        let screen_s = self.arm_screen(Seconds(eis.periods_on_screen / freq_hz)).await?;
         let chosen = if self.overlaps() {
             let ripe_s = self.ripe_s((freq_hz, wait_s), driven_s, screen_s);
             self.announce()?;
@@ -190,13 +190,13 @@ impl Executor<'_> {
         require(&mut self.bench.scope, "scope")?.stop().await.map_err(error)?;
         self.stopped_s = self.clock.now_s();
         self.go_ahead(fixture).await?;
-        let waveforms = self.fetch((eis.record_points, chosen), fixture).await?;
+        let waveforms = self.fetch_frame((eis.record_points, chosen), fixture).await?;
         self.check_frame(freq_hz, &waveforms, screen_s)?;
         waveforms.try_into().map_err(|_| ExecuteError::Signal { freq_hz, reason: "not four channels".to_owned() })
     }
 
     /// Arms the scope for a span; gives the length of its screen, s.
-    async fn arm(&mut self, span: Seconds) -> Result<f64, ExecuteError> {
+    async fn arm_screen(&mut self, span: Seconds) -> Result<f64, ExecuteError> {
         let trigger = Trigger { channel: TRIGGER_CHANNEL, level: self.trigger_v };
         let overlaps = self.overlaps();
         let error = self.bench.error("scope");
@@ -213,7 +213,7 @@ impl Executor<'_> {
     }
 
     /// The four channels of the stopped frame.
-    async fn fetch(&mut self, (points, chosen): (u64, Option<Chosen>), fixture: Fixture) -> Result<Vec<Waveform>, ExecuteError> {
+    async fn fetch_frame(&mut self, (points, chosen): (u64, Option<Chosen>), fixture: Fixture) -> Result<Vec<Waveform>, ExecuteError> {
         let (overlaps, error) = (self.overlaps(), self.bench.error("scope"));
         let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
         for channel in 1..=4 {
