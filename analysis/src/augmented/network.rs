@@ -96,6 +96,11 @@ impl Network {
         }
     }
 
+    /// Power that goes into the capacitances, W, at voltages (V) of the branches, a current (A) and a factor on their resistances.
+    pub(crate) fn stored_w(&self, states_v: &[f64], current_a: f64, factor: f64) -> f64 {
+        states_v.iter().zip(&self.branches).filter(|(_, b)| b.r_ohm != 0.0).map(|(v, b)| v * (current_a - b.conducted_a(*v, factor))).sum()
+    }
+
     /// Impedance for small signals, Ω.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
         let omega = std::f64::consts::TAU * freq_hz;

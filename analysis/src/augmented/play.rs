@@ -193,9 +193,11 @@ impl Player {
     ) -> Instant {
         let (ocv_v, slope_v) = ocv.at(soc);
         let sum: f64 = self.states_v.iter().sum();
-        let mut at = Instant { time_s, current_a, soc, ocv_v, slope_v, overpotential_v: run.network.r_ohm * current_a + sum };
-        let factor = modulation(dynamics, &at).series;
-        at.overpotential_v = run.network.r_ohm * factor * current_a + sum;
+        let overpotential_v = run.network.r_ohm * current_a + sum;
+        let mut at = Instant { time_s, current_a, soc, ocv_v, slope_v, overpotential_v, stored_w: 0.0 };
+        let factor = modulation(dynamics, &at);
+        at.overpotential_v = run.network.r_ohm * factor.series * current_a + sum;
+        at.stored_w = run.network.stored_w(&self.states_v, current_a, factor.branches);
         at
     }
 

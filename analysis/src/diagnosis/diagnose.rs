@@ -1,10 +1,12 @@
 //! The workflow from a data set to a verdict.
 
 use super::block::{DataSetError, Desk, Kind};
+use super::consistency::inconsistencies;
 use super::data::{DataSet, Role};
-use super::experiment::{BenchLimits, PlannedRun, Playable, recommend};
-use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, Guards, LEAST_BLOCK_P, SENTINEL_Z};
+use super::experiment::{Advice, BenchLimits, PlannedRun, Playable, recommend};
+use super::guards::{Guards, SENTINEL_Z};
 use super::intervals::named;
+use super::judge::{Doubts, judge};
 use super::localise::localise;
 use super::noise::{TERMS, Term};
 use super::outcome::{
@@ -85,12 +87,10 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
         base = base_fit(&prepared.problem, &model.erm, &mut desk);
         selection = if moved.is_some() { Selection::nothing(&base) } else { search(&prepared, options).run(&base) };
     }
+    let again = if selection.taken.is_empty() { None } else { Some(refitted(&prepared, &selection, guards)?) };
+    let (judged, last) = again.as_ref().map_or((&prepared, &selection), |(prepared, selection)| (prepared, selection));
     // The search may have met a deeper minimum of the base.
-    base = selection.base.clone();
-    let problem = &prepared.problem;
-    let before = localise(problem, &base, guards.tangent_projection, &mut desk);
-    let after = localise(problem, &selection.fit, guards.tangent_projection, &mut desk);
-    let quality = quality(problem, &base, &selection.fit);
+    let (problem, base, fit) = (&judged.problem, &last.base, &last.fit);
     let mut d = Diagnosis {
         schema: DIAGNOSIS_SCHEMA,
         schema_version: DIAGNOSIS_SCHEMA_VERSION,
@@ -98,30 +98,46 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
         model: model.name.clone(),
         verdict: Verdict::Unexplained,
         summary: String::new(),
-        effects: named(problem, &selection, &mut desk),
+        effects: named(problem, last, &mut desk),
         rivals: rivals(&selection),
-        blocks: before,
-        where_after: after,
-        gap: gaps(&prepared, &model.erm, (&base, &selection.fit), &mut desk),
-        gap_spectra: spectrum_gaps(problem, &model.erm, (&base, &selection.fit), &mut desk),
+        blocks: localise(problem, base, guards.tangent_projection, &mut desk),
+        where_after: localise(problem, fit, guards.tangent_projection, &mut desk),
+        gap: gaps(judged, &model.erm, (base, fit), &mut desk),
+        gap_spectra: spectrum_gaps(problem, &model.erm, (base, fit), &mut desk),
         next_experiment: None,
+        inseparable: Vec::new(),
         notes: Vec::new(),
-        quality,
-        noise: noise_report(&prepared),
+        quality: quality(problem, base, fit),
+        noise: noise_report(judged),
         ranking: selection.ranking.clone(),
         base: Some(base.decode(problem.branches()).0),
-        augmented: Some(selection.fit.decode(problem.branches()).0),
+        augmented: Some(fit.decode(problem.branches()).0),
     };
-    let held_out_z = held_out_z(problem, &selection.fit, &mut desk);
-    judge(&mut d, &selection, (moved, held_out_z));
-    let curves = curves(&prepared, &model.erm, (&base, &selection.fit), &mut desk);
-    let next = recommend(&prepared, d.verdict, (&base, &selection), (options.limits, options.playable.as_ref()));
+    let held_out_z = held_out_z(problem, fit, &mut desk);
+    let asked = guards.consistency && measured(judged);
+    let differs = if asked { inconsistencies(problem, (base, fit), &mut desk) } else { Vec::new() };
+    judge(&mut d, &selection, Doubts { moved, held_out_z, differs });
+    let curves = curves(judged, &model.erm, (base, fit), &mut desk);
+    let advice = recommend(&prepared, d.verdict, (&selection.base, &selection), (options.limits, options.playable.as_ref()));
+    d.notes.extend(advice.notes());
+    let Advice { next, inseparable } = advice;
+    d.inseparable = inseparable;
     if next.is_none() && matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) {
         d.notes.push("no run of the menu would tell apart what is open".to_owned());
     }
     let (next_experiment, next_runs) = next.unzip();
     d.next_experiment = next_experiment;
     Ok(Outcome { diagnosis: d, curves, facts: Some(prepared.problem.base.facts), next_runs: next_runs.unwrap_or_default() })
+}
+
+/// Base and named effects fitted again under noise that is taken about the cell with its effects: a scatter of all resistances spares a contact, and what
+/// a wrong current does to the voltage hangs on what is missing in the base.
+fn refitted(prepared: &Prepared, selection: &Selection, guards: Guards) -> Result<(Prepared, Selection), DataSetError> {
+    let prepared = prepared.clone().again(&selection.fit, guards)?;
+    let mut desk = Desk::default();
+    let mut again = |fit: &Fit| prepared.problem.fit_from(&fit.structure, fit.x.clone(), fit.axes.clone(), &mut desk);
+    let selection = Selection { base: again(&selection.base), fit: again(&selection.fit), ..selection.clone() };
+    Ok((prepared, selection))
 }
 
 /// The base refitted to spectra and training records: from the model, and from other time constants where that does not reach the floor.
@@ -197,64 +213,6 @@ fn held_out_z(problem: &Problem, fit: &Fit, desk: &mut Desk) -> f64 {
         0.0
     };
     excess_z(dot(&left, &left) - taken, left.len() as f64)
-}
-
-/// Verdict, summary and notes.
-fn judge(d: &mut Diagnosis, selection: &Selection, (moved, held_out_z): (Option<String>, f64)) {
-    let quiet = d.where_after.iter().all(|b| b.p_value > LEAST_BLOCK_P);
-    let fits = d.quality.augmented_z < GOOD_FIT_Z && held_out_z < GOOD_FIT_Z && quiet;
-    let names: Vec<&str> = d.effects.iter().map(|e| e.title).collect();
-    if !d.noise.from_repeats {
-        d.notes.push(
-            "fewer than three repeats of any spectrum or any record: the noise is assumed, so that no noise floor can be claimed"
-                .to_owned(),
-        );
-    }
-    if held_out_z >= GOOD_FIT_Z {
-        d.notes.push(format!("held-out runs are missed by {held_out_z:.1} standard deviations of their χ²"));
-    }
-    if let Some(reason) = moved {
-        d.verdict = Verdict::Unexplained;
-        d.summary = format!("The noise floor itself moved: {reason}. Nothing is named; look for a loose contact or hum.");
-        return;
-    }
-    if let Some(title) = selection.outside {
-        d.verdict = Verdict::Unexplained;
-        d.summary = format!("Something is missing that no effect of the catalogue explains: {title} would explain it better.");
-        hint(d, selection);
-        return;
-    }
-    (d.verdict, d.summary) = match (fits, names.is_empty()) {
-        (true, true) if d.noise.from_repeats => {
-            (Verdict::AtNoiseFloor, "Nothing is missing that these repeats could show: the residual is at the noise floor.".to_owned())
-        }
-        (true, true) => {
-            (Verdict::Unexplained, "The residual is within the assumed noise; without repeats this is not a finding.".to_owned())
-        }
-        (true, false) if d.rivals.is_empty() && d.effects.iter().any(|e| e.evidence.lambda < CERTAIN_LAMBDA) => {
-            let text = "Missing: {} – but the signal is so weak that something outside the catalogue would look the same.";
-            (Verdict::Ambiguous, text.replace("{}", &names.join(", ")))
-        }
-        (true, false) if d.rivals.is_empty() && selection.doubt.is_some() => {
-            let doubt = selection.doubt.as_deref().unwrap_or_default();
-            (Verdict::Ambiguous, format!("Missing: {} – but not for certain: {doubt}.", names.join(", ")))
-        }
-        (true, false) if d.rivals.is_empty() => (Verdict::Explained, format!("Missing and now added: {}.", names.join(", "))),
-        (true, false) => {
-            let others: Vec<&str> = d.rivals.iter().map(|r| r.name).collect();
-            (Verdict::Ambiguous, format!("Missing: {} – or {}: these data cannot tell.", names.join(", "), others.join(", ")))
-        }
-        (false, false) => (Verdict::Unexplained, format!("{} explains a part; the rest has no name in the catalogue.", names.join(", "))),
-        (false, true) => (Verdict::Unexplained, "Something is missing that no effect of the catalogue explains.".to_owned()),
-    };
-    hint(d, selection);
-}
-
-/// What would help but may not be named.
-fn hint(d: &mut Diagnosis, selection: &Selection) {
-    if let Some((name, score, reason)) = &selection.refused {
-        d.notes.push(format!("hint only, not named: {name} would gain {score:.0} but {reason}"));
-    }
 }
 
 fn noise_report(prepared: &Prepared) -> NoiseReport {

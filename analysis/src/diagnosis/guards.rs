@@ -21,6 +21,8 @@ pub struct Guards {
     pub convergence: bool,
     /// A name that an effect outside the catalogue beats is withdrawn.
     pub outside: bool,
+    /// What was found must be the same wherever it is measured.
+    pub consistency: bool,
 }
 
 impl Default for Guards {
@@ -35,6 +37,7 @@ impl Default for Guards {
             integration: true,
             convergence: true,
             outside: true,
+            consistency: true,
         }
     }
 }
@@ -69,7 +72,7 @@ pub(super) const HELD_OUT_SUM: f64 = 20.0;
 pub(super) const HELD_OUT_Z: f64 = 4.0;
 /// Part of that size that nature may differ from a catalogue's formula.
 pub(super) const HELD_OUT_SHARE: f64 = 0.03;
-/// Probability, corrected for the number of blocks, below which a block says that something is missing.
+/// Probability, corrected for the number of questions, below which a block or a difference between circumstances says that something is missing.
 pub(super) const LEAST_BLOCK_P: f64 = 1e-4;
 /// Times that the steps of a record may be halved to integrate well enough.
 pub(super) const MOST_PARTS: usize = 8;

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 const FEWEST: usize = 4;
 
 /// One row's place: dimension, sorting key and part.
-type Place = (&'static str, u32, String);
+pub(super) type Place = (&'static str, u32, String);
 
 /// Blocks of the training residuals of a fit, most significant first; `project` false leaves the tangent space in.
 pub(super) fn localise(problem: &Problem, fit: &Fit, project: bool, desk: &mut Desk) -> Vec<Block> {
@@ -86,7 +86,7 @@ impl Sums {
 }
 
 /// What the blocks' limits are taken from.
-struct Ranges {
+pub(super) struct Ranges {
     lowest_hz: f64,
     highest_hz: f64,
     greatest_a: f64,
@@ -97,7 +97,7 @@ struct Ranges {
 }
 
 impl Ranges {
-    fn new(problem: &Problem) -> Self {
+    pub(super) fn new(problem: &Problem) -> Self {
         let span = |pick: &dyn Fn(&Run) -> f64| {
             problem
                 .of_role(Role::Train)
@@ -117,7 +117,8 @@ impl Ranges {
     }
 }
 
-fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
+/// Where a row belongs, in every dimension that tells runs or rows apart.
+pub(super) fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
     let mut places = Vec::with_capacity(8);
     let third = |x: f64, (low, high): (f64, f64)| (((x - low) / (high - low) * 3.0) as u32).min(2);
     let mut thirds = |dimension: &'static str, x: f64, span: (f64, f64), unit: &str| {

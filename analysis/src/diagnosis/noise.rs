@@ -1,6 +1,6 @@
 //! The noise of every row: what a run's repeats disagree in, and what the current channel's errors do to the model's own output.
 //!
-//! C = diag(σ_w²/m) + σ_d² exp(−|Δt|/τ_d) + σ_V² 11ᵀ + σ_R² ηηᵀ + σ_g² b_g b_gᵀ + σ_o² b_o b_oᵀ + Σ σ_I² b_s b_sᵀ, with η the overpotential and b the
+//! C = diag(σ_w²/m) + σ_d² exp(−|Δt|/τ_d) + σ_V² 11ᵀ + σ_R² ηηᵀ + σ_g² b_g b_gᵀ + σ_o² b_o b_oᵀ + Σ σ_I² b_s b_sᵀ, with η what all resistances drop and b the
 //! model's responses to a gain, a zero error and a per-stretch error of the logged current, the counted charge included. How the σ are found is in `estimate`.
 
 use super::block::{Block, Desk, Kind, TimeBlock};
@@ -9,13 +9,15 @@ use super::data::BenchHistory;
 use super::edges::{self, UNIFORM};
 use super::shared::{self, Errors};
 use super::whitening::{Whitener, dot};
-use crate::augmented::network;
-use crate::effects::Base;
+use crate::augmented::{Added, network};
+use crate::effects::{Base, resistance_spread};
 
 /// Standard deviation of the logarithm of a history's σ.
 const HISTORY_SPREAD: f64 = 0.15;
 /// The same where there is no history.
 const IGNORANCE_SPREAD: f64 = 1.5;
+/// Part by which all resistances are made larger to see what their scatter does.
+const LARGER: f64 = 1e-3;
 /// Stretches of constant current with an error of their own at most.
 const MOST_STRETCHES: usize = 40;
 
@@ -116,11 +118,11 @@ pub(super) struct Shape {
 }
 
 impl Shape {
-    /// The shape at a base model.
-    pub(super) fn new(block: &Block, base: &Base, prior: &Prior, desk: &mut Desk) -> Self {
+    /// The shape at a base model with effects.
+    pub(super) fn new(block: &Block, (base, added): (&Base, &[Added<'_>]), prior: &Prior, desk: &mut Desk) -> Self {
         let mut predicted = Vec::new();
-        let network = network(base, &[]);
-        block.predict((base, &[], &network), 1, desk, &mut predicted);
+        block.predict((base, added, &network(base, added)), 1, desk, &mut predicted);
+        let resistance = resistance(block, (base, added, &predicted), desk);
         match &block.kind {
             Kind::Eis { sigma_ohm, .. } => {
                 let size: Vec<f64> = predicted.chunks_exact(2).flat_map(|z| [z[0].hypot(z[1]); 2]).collect();
@@ -131,16 +133,22 @@ impl Shape {
                     white: (Term::Eis, size.iter().map(|z| z * z).collect()),
                     drift: Vec::new(),
                     shared: shared::of_spectrum(&block.kind, &predicted, &prior.history),
-                    vectors: vec![(Term::Resistance, predicted)],
+                    vectors: vec![(Term::Resistance, resistance)],
                     known: Vec::new(),
                     codes: Vec::new(),
                 }
             }
-            Kind::Time(time) => Self::time(block, time, (base, &predicted), prior, desk),
+            Kind::Time(time) => Self::time((block, time), (base, added, &predicted), resistance, prior, desk),
         }
     }
 
-    fn time(block: &Block, time: &TimeBlock, (base, predicted): (&Base, &[f64]), prior: &Prior, desk: &mut Desk) -> Self {
+    fn time(
+        (block, time): (&Block, &TimeBlock),
+        (base, added, predicted): (&Base, &[Added<'_>], &[f64]),
+        resistance: Vec<f64>,
+        prior: &Prior,
+        desk: &mut Desk,
+    ) -> Self {
         let h = &prior.history;
         let n = time.bins.len();
         let counts: Vec<f64> = time.bins.iter().map(|b| (b.to - b.from) as f64).collect();
@@ -149,22 +157,15 @@ impl Shape {
         let stated = time.bins.iter().any(|b| b.stated_v2 > 0.0);
         let codes = Codes { step: h.voltage_resolution_v, sigma: if stated { f64::INFINITY } else { h.voltage_noise_v } };
         let fixed_v = codes.fresh() + current_noise_v + 1e-14;
-        let capacity_c = 3600.0 * base.ocv.capacity_ah;
-        let overpotential: Vec<f64> =
-            time.bins.iter().zip(predicted).map(|(b, v)| base.ocv.voltage_v(block.at.soc - b.charge_c / capacity_c) - v).collect();
         let mut respond = |change: &dyn Fn(usize, f64) -> f64, scale: f64| {
             let current_a: Vec<f64> = time.current_a.iter().enumerate().map(|(k, i)| i + change(k, *i)).collect();
-            desk.player.play((base, &[]), &block.record(time, &current_a), (&time.grid, 1), &mut desk.voltage_v);
+            desk.player.play((base, added), &block.record(time, &current_a), (&time.grid, 1), &mut desk.voltage_v);
             time.average(&desk.voltage_v).iter().zip(predicted).map(|(a, b)| (a - b) * scale).collect::<Vec<f64>>()
         };
         let gain = respond(&|_, i| 1e-2 * i, 1e2);
         let shared = shared::of_record((block, time), base, (predicted, &gain), h);
-        let vectors = vec![
-            (Term::Level, vec![1.0; n]),
-            (Term::Resistance, overpotential),
-            (Term::Gain, gain),
-            (Term::Zero, respond(&|_, _| 1e-1, 1e1)),
-        ];
+        let vectors =
+            vec![(Term::Level, vec![1.0; n]), (Term::Resistance, resistance), (Term::Gain, gain), (Term::Zero, respond(&|_, _| 1e-1, 1e1))];
         let mut known = Vec::new();
         let step_a = h.current_resolution_a * UNIFORM;
         if step_a > 0.0 {
@@ -204,9 +205,7 @@ impl Shape {
     /// What a growth of all resistances in proportion to an order does to the rows.
     pub(super) fn trend(&self, order: f64) -> Vec<f64> {
         let resistance = self.vectors.iter().find(|(term, _)| *term == Term::Resistance);
-        // A spectrum's rows grow with the resistance, a record's voltage falls.
-        let sign = if self.white.0 == Term::Eis { 1.0 } else { -1.0 };
-        resistance.map_or_else(|| vec![0.0; self.n], |(_, v)| v.iter().map(|x| sign * order * x).collect())
+        resistance.map_or_else(|| vec![0.0; self.n], |(_, v)| v.iter().map(|x| order * x).collect())
     }
 
     /// Leaves the errors of the current channel out.
@@ -272,6 +271,17 @@ impl Shape {
             scale * dot(&w, &w)
         })
     }
+}
+
+/// What all resistances larger by a part do to the rows, per unit. A control is larger as a whole.
+fn resistance(block: &Block, (base, added, predicted): (&Base, &[Added<'_>], &[f64]), desk: &mut Desk) -> Vec<f64> {
+    if !block.at.is_cell {
+        return predicted.to_vec();
+    }
+    let larger: Vec<Added<'_>> = added.iter().copied().chain([Added { effect: resistance_spread(), p: &[LARGER] }]).collect();
+    let mut rows = Vec::with_capacity(predicted.len());
+    block.predict((base, &larger, &network(base, &larger)), 1, desk, &mut rows);
+    rows.iter().zip(predicted).map(|(r, p)| (r - p) / LARGER).collect()
 }
 
 /// Adds scale·v·vᵀ to the lower triangle of a matrix.

@@ -69,6 +69,9 @@ pub struct Diagnosis {
     pub gap_spectra: Vec<SpectrumGap>,
     /// The run that would settle what is open.
     pub next_experiment: Option<NextExperiment>,
+    /// Effects, and what would imitate each in every run of the menu however often it is repeated; the second name is empty where the signal is too small
+    /// for any of them to make the name certain.
+    pub inseparable: Vec<[&'static str; 2]>,
     /// What a user must know.
     pub notes: Vec<String>,
     /// How good the fits are.

@@ -9,7 +9,7 @@ use super::noise::{Prior, Shape, Term};
 use super::problem::{Fit, Problem};
 use super::shared::{Errors, Shared};
 use super::whitening::Whitener;
-use crate::augmented::{Between, network};
+use crate::augmented::{Added, Between, network};
 use crate::effects::{Base, Facts};
 use crate::model::Erm;
 use crate::ocv::OcvCurve;
@@ -26,7 +26,7 @@ pub struct BaseModel {
 }
 
 /// A problem with the noise it was made with.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Prepared {
     pub(super) problem: Problem,
     pub(super) estimate: Estimate,
@@ -47,7 +47,7 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
     let blocks = blocks(set, &base)?;
     let prior = Prior::new(set.history, &base);
     let mut desk = Desk::default();
-    let shapes = guarded_shapes(&blocks, (&base, &prior), (guards, &mut desk));
+    let shapes = guarded_shapes(&blocks, (&base, &[], &prior), (guards, &mut desk));
     let residuals: Vec<Vec<f64>> = blocks
         .iter()
         .map(|b| {
@@ -72,11 +72,14 @@ fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     Ok(blocks)
 }
 
+/// The model with its effects that the noise is taken about, and what is known of the bench.
+type About<'a> = (&'a Base, &'a [Added<'a>], &'a Prior);
+
 /// The shape of every block's noise.
-fn shapes(blocks: &[Block], (base, prior): (&Base, &Prior), desk: &mut Desk) -> Vec<Shape> {
+fn shapes(blocks: &[Block], (base, added, prior): About<'_>, desk: &mut Desk) -> Vec<Shape> {
     let repeats = |b: &Block| blocks.iter().filter(|o| o.group == b.group && o.role == b.role).count();
     let shape = |b: &Block| {
-        let mut shape = Shape::new(b, base, prior, desk);
+        let mut shape = Shape::new(b, (base, added), prior, desk);
         shape.share_codes(repeats(b));
         shape
     };
@@ -84,7 +87,7 @@ fn shapes(blocks: &[Block], (base, prior): (&Base, &Prior), desk: &mut Desk) -> 
 }
 
 /// The same, without the errors of the current channel where they are not to count.
-fn guarded_shapes(blocks: &[Block], about: (&Base, &Prior), (guards, desk): (Guards, &mut Desk)) -> Vec<Shape> {
+fn guarded_shapes(blocks: &[Block], about: About<'_>, (guards, desk): (Guards, &mut Desk)) -> Vec<Shape> {
     let mut shapes = shapes(blocks, about, desk);
     if !guards.current_channel_noise {
         shapes.iter_mut().for_each(Shape::forget_current_channel);
@@ -114,11 +117,14 @@ fn weigh(problem: &mut Problem, shapes: &[Shape], estimate: &Estimate) -> Result
 }
 
 impl Prepared {
-    /// The noise found anew from what a fit leaves: an effect that the base lacks makes repeats with slightly different currents differ.
+    /// The noise found anew about a fit and from what it leaves: an effect that the base lacks makes repeats with slightly different currents differ,
+    /// and the errors of the bench act on the cell as it is, with its effects.
     pub(super) fn again(mut self, fit: &Fit, guards: Guards) -> Result<Self, DataSetError> {
         let mut desk = Desk::default();
         let problem = &self.problem;
-        let shapes = guarded_shapes(&problem.blocks, (&problem.base, &self.prior), (guards, &mut desk));
+        let (erm, values) = fit.decode(problem.branches());
+        let (base, added) = (problem.base_with(erm), fit.structure.added(&values));
+        let shapes = guarded_shapes(&problem.blocks, (&base, &added, &self.prior), (guards, &mut desk));
         let residuals: Vec<Vec<f64>> = (0..problem.blocks.len())
             .map(|k| {
                 let rows = problem.predict((&fit.structure, &fit.x), k, 1, &mut desk);
@@ -132,7 +138,7 @@ impl Prepared {
     /// The noise of the bench's history, whatever the repeats say.
     pub(super) fn of_history(mut self, guards: Guards) -> Result<Self, DataSetError> {
         let problem = &self.problem;
-        let shapes = guarded_shapes(&problem.blocks, (&problem.base, &self.prior), (guards, &mut Desk::default()));
+        let shapes = guarded_shapes(&problem.blocks, (&problem.base, &[], &self.prior), (guards, &mut Desk::default()));
         self.estimate.log_sigmas = self.prior.log_sigmas;
         self.weighed(&shapes)
     }
@@ -149,7 +155,7 @@ impl Prepared {
         let problem = &mut self.problem;
         problem.blocks = blocks(set, &problem.base)?;
         let mut desk = Desk::default();
-        let shapes = shapes(&problem.blocks, (&problem.base, &self.prior), &mut desk);
+        let shapes = shapes(&problem.blocks, (&problem.base, &[], &self.prior), &mut desk);
         weigh(problem, &shapes, &self.estimate)?;
         Ok(self)
     }
@@ -163,7 +169,7 @@ impl Prepared {
         let mut planned = Problem::unweighed(base.clone(), Vec::new());
         for run in runs {
             let block = Block::new(&run.unmeasured(between, stated_v), base)?;
-            let mut shape = Shape::new(&block, base, &self.prior, desk);
+            let mut shape = Shape::new(&block, (base, &[]), &self.prior, desk);
             shape.share_codes(run.repeat);
             let covariance = shape.whole_covariance(&self.estimate.log_sigmas, run.repeat);
             let singular =

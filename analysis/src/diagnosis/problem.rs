@@ -18,7 +18,7 @@ const PROMISE: f64 = 2e-3;
 const UNMOVED: f64 = 1e-8;
 
 /// Everything that stays while structures change.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Problem {
     pub(super) base: Base,
     pub(super) blocks: Vec<Block>,

@@ -32,6 +32,7 @@ mod ocv_slope;
 mod outside;
 mod quantity;
 mod rc_slow;
+mod resistance_spread;
 mod self_discharge;
 mod self_heating;
 mod shunt_heating;
@@ -48,6 +49,7 @@ mod warburg;
 pub use catalogue::{catalogue, find};
 pub(crate) use outside::outside;
 pub use quantity::{Parameter, Range, Scale};
+pub(crate) use resistance_spread::resistance_spread;
 pub use situation::{Base, Facts, Instant, Modulation, Point, Record};
 
 use crate::augmented::Network;

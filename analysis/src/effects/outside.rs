@@ -1,10 +1,11 @@
 //! Effects that are no part of the catalogue and are never named: they stand for what it does not have. A name that one of them beats is withdrawn.
 //!
 //! Each is a plain law of a kind that the catalogue lacks: a resistance with a memory of the current's size, friction of the stored charge in one element
-//! or in many, a resistance that changes once between two runs.
+//! or in many, a resistance that changes once between two runs, and what the catalogue's gain errors are where a channel is not straight: a voltage channel
+//! whose gain grows with the level, a current channel with another gain for large currents.
 
 use super::quantity::log_grid;
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record};
+use super::{Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record, Scale};
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
@@ -12,16 +13,19 @@ use std::f64::consts::{PI, TAU};
 const PLACES: usize = 7;
 /// Elements that friction of many elements is made of.
 const ELEMENTS: usize = 8;
+/// Parts of the largest current from which on a current channel's gain may be another.
+const FROM: [f64; 4] = [0.1, 0.2, 0.4, 0.7];
 
 /// All of them.
 pub(crate) fn outside() -> &'static [&'static dyn Effect] {
-    &[&Memory, &Friction, &Change]
+    &[&Memory, &Friction, &Change, &Bent, &Ranged]
 }
 
 const fn card(name: &'static str, title: &'static str, state_equation: &'static str, impedance: &'static str) -> Card {
     Card {
         name,
         title,
+        // Never read: it is no part of any model.
         group: Group::Cell,
         mechanism: "Stands for causes that the catalogue does not have.",
         state_equation,
@@ -43,7 +47,8 @@ static MEMORY: Card = card(
 static FRICTION: Card = card(
     "outside_friction",
     "something like friction of the stored charge",
-    "V += M·mean((z − p)/w'), each p is dragged along where |z − p| exceeds its half width w': one of w, or eight evenly up to w; M in V",
+    "V += M·mean((z − p)/w'), each p is dragged along where |z − p| exceeds its half width w': one of w, eight evenly up to w, or eight as the \
+     squares of that; M in V",
     "Z += M·mean(1/w') over the capacity, from rest",
 );
 static CHANGE: Card = card(
@@ -51,6 +56,19 @@ static CHANGE: Card = card(
     "something like a change of the resistances between two runs",
     "all resistances × (1 + d) from some run on",
     "as its resistances",
+);
+
+static BENT: Card = card(
+    "outside_bent",
+    "something like a voltage channel whose gain depends on the level",
+    "u_logged = u + k·(u − u₀)², u₀ at the first sample of the record; k in 1/V",
+    "none: the amplitude is too small",
+);
+static RANGED: Card = card(
+    "outside_ranged",
+    "something like a current channel with another gain for large currents",
+    "i = i_logged·(1 + g) where |i_logged| exceeds a limit",
+    "none: the current of a sweep is too small",
 );
 
 #[derive(Debug)]
@@ -119,7 +137,7 @@ impl Effect for Friction {
         vec![
             Parameter::strength("m_v", "V", Range { lower: 0.0, upper: 0.2 }, 2e-3),
             Parameter::shape("half_width", "", range, log_grid(0.1 * widest, 0.6 * widest, 2)),
-            Parameter::choice("many", 2),
+            Parameter::choice("many", 3),
         ]
     }
 
@@ -141,8 +159,8 @@ impl Effect for Friction {
 /// Half widths of the elements, C.
 fn halves_c(p: &[f64], base: &Base) -> Vec<f64> {
     let widest_c = p[1] * 3600.0 * base.ocv.capacity_ah;
-    let count = if p[2] > 0.5 { ELEMENTS } else { 1 };
-    (1..=count).map(|k| widest_c * k as f64 / count as f64).collect()
+    let (count, power) = if p[2] < 0.5 { (1, 1) } else { (ELEMENTS, p[2].round() as i32) };
+    (1..=count).map(|k| widest_c * (k as f64 / count as f64).powi(power)).collect()
 }
 
 struct Dragged {
@@ -202,5 +220,50 @@ struct Changed {
 impl Dynamics for Changed {
     fn modulation(&self, _at: &Instant) -> Modulation {
         self.modulation
+    }
+}
+
+#[derive(Debug)]
+struct Bent;
+
+impl Effect for Bent {
+    fn card(&self) -> &'static Card {
+        &BENT
+    }
+
+    fn parameters(&self, base: &Base) -> Vec<Parameter> {
+        if base.facts.longest_s <= 0.0 || base.facts.greatest_a <= 0.0 {
+            return Vec::new();
+        }
+        vec![Parameter::strength("per_v", "1/V", Range { lower: -0.3, upper: 0.3 }, 0.01)]
+    }
+
+    fn voltage(&self, p: &[f64], _record: &Record<'_>, voltage_v: &mut [f64]) {
+        let level_v = voltage_v.first().copied().unwrap_or(0.0);
+        voltage_v.iter_mut().for_each(|v| *v += p[0] * (*v - level_v) * (*v - level_v));
+    }
+}
+
+#[derive(Debug)]
+struct Ranged;
+
+impl Effect for Ranged {
+    fn card(&self) -> &'static Card {
+        &RANGED
+    }
+
+    fn parameters(&self, base: &Base) -> Vec<Parameter> {
+        let greatest_a = base.facts.greatest_a;
+        if base.facts.longest_s <= 0.0 || greatest_a <= 0.0 {
+            return Vec::new();
+        }
+        let range = Range { lower: 0.01 * greatest_a, upper: greatest_a };
+        let from_a =
+            Parameter { scale: Scale::Choice, ..Parameter::shape("from_a", "A", range, FROM.map(|part| part * greatest_a).to_vec()) };
+        vec![Parameter::strength("gain", "", Range { lower: -0.2, upper: 0.2 }, 0.01), from_a]
+    }
+
+    fn current(&self, p: &[f64], _record: &Record<'_>, current_a: &mut [f64]) {
+        current_a.iter_mut().filter(|i| i.abs() > p[1]).for_each(|i| *i *= 1.0 + p[0]);
     }
 }

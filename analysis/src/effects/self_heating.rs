@@ -7,7 +7,7 @@ static CARD: Card = Card {
     title: "Joule self-heating with Arrhenius resistance",
     group: Group::Cell,
     mechanism: "The current's heat warms the cell above its surroundings; ions and charge transfer follow Arrhenius, so that all resistances fall.",
-    state_equation: "C·dΔT/dt = i·η − ΔT/R_th, R = R_ref·exp(−κ·ΔT/(1 + ΔT/T)); with the heat kept h = C·ΔT: dh/dt = i·η − h/τ; g = κ/C in 1/J, τ = R_th·C in s; C is taken as 14.8 J/K per Ah for 1 + ΔT/T",
+    state_equation: "C·dΔT/dt = P − ΔT/R_th, P the power in the resistances, R = R_ref·exp(−κ·ΔT/(1 + ΔT/T)); with the heat kept h = C·ΔT: dh/dt = P − h/τ; g = κ/C in 1/J, τ = R_th·C in s; C is taken as 14.8 J/K per Ah for 1 + ΔT/T",
     impedance: "none: at another temperature R·exp(−κ(T − T_ref)), but g = κ/C does not give κ alone, so that the start temperature of a run is left out",
     source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, without the reversible term; Arrhenius: 1/T − 1/(T + ΔT) = ΔT/T²/(1 + ΔT/T)",
     signature: "resistance falls with the heat received, the same for both signs, lasts for minutes",
@@ -64,7 +64,6 @@ impl Dynamics for Heat {
 
     fn advance(&mut self, at: &Instant, step_s: f64) {
         let decay = (-step_s / self.tau_s).exp();
-        let heat_w = at.current_a * at.overpotential_v;
-        self.heat_j = decay * self.heat_j + (1.0 - decay) * self.tau_s * heat_w;
+        self.heat_j = decay * self.heat_j + (1.0 - decay) * self.tau_s * at.heat_w();
     }
 }

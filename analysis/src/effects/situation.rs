@@ -128,6 +128,15 @@ pub struct Instant {
     pub slope_v: f64,
     /// Overpotential: what current and branches take off the OCV, V, positive under discharge.
     pub overpotential_v: f64,
+    /// Power that goes into the capacitances of the branches, W; negative where they give it back to their resistances.
+    pub stored_w: f64,
+}
+
+impl Instant {
+    /// Power that the resistances turn into heat, W.
+    pub fn heat_w(&self) -> f64 {
+        self.current_a * self.overpotential_v - self.stored_w
+    }
 }
 
 /// Factors on resistances. Capacitances stay, so that a branch's time constant follows its resistance.

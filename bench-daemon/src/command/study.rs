@@ -42,6 +42,9 @@ pub struct StudyArgs {
     /// Trials with damaged files.
     #[arg(long, default_value_t = 0)]
     pub corrupted: u64,
+    /// The recommended runs are played for one in so many trials that end ambiguous, 0 for none; they cost more than all else.
+    #[arg(long, default_value_t = 1)]
+    pub follow_up_every: usize,
     /// Only this effect among the single ones, by its name in labels.
     #[arg(long)]
     pub only: Option<String>,
@@ -82,7 +85,8 @@ pub fn study(args: &StudyArgs) -> Result<(), Failure> {
     let started = std::sync::atomic::AtomicUsize::new(0);
     let scores: Vec<Score> = trials
         .par_iter()
-        .map(|(stratum, single, spec)| {
+        .enumerate()
+        .map(|(index, (stratum, single, spec))| {
             let n = started.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
             if n.is_multiple_of(200) {
                 tracing::info!("{n} of {} trials", trials.len());
@@ -91,7 +95,7 @@ pub fn study(args: &StudyArgs) -> Result<(), Failure> {
                 Some((kind, lambda)) => Spec::single(spec.seed, *kind, strength_for(spec.seed, *kind, *lambda)?),
                 None => spec.clone(),
             };
-            play(*stratum, &spec)
+            play(*stratum, &spec, args.follow_up_every != 0 && index.is_multiple_of(args.follow_up_every))
         })
         .collect::<anyhow::Result<_>>()
         .map_err(|e| Failure::Analysis(format!("{e:#}")))?;

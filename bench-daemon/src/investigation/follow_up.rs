@@ -8,7 +8,7 @@ use analysis::{
 use instruments::mock::plant;
 
 use crate::{
-    config::{Experiment, Segment, Trace, check_frames},
+    config::{Eis, Experiment, Segment, Trace, check_frames},
     plan::Through,
     procedure,
 };
@@ -54,38 +54,47 @@ impl Site {
 
     /// The experiment that plays planned runs, and its time on the bench, min. Errors tell in words what bench, cell or campaign lack.
     pub(super) fn experiment(&self, runs: &[PlannedRun]) -> Result<(Experiment, f64), String> {
-        let [run] = runs else { return Err(format!("expected one planned run, found {}", runs.len())) };
+        let Some(leading) = runs.first() else { return Err("expected a planned run, found none".to_owned()) };
+        self.can_follow_each_other(runs)?;
         let first = &self.first;
         let mut experiment = Experiment {
-            name: format!("{}-{}", first.name, run.name),
+            name: format!("{}-{}", first.name, leading.name),
             fixture_check: None,
             soc_reset: None,
             eis: None,
             traces: Vec::new(),
             ..first.clone()
         };
-        if matches!(run.fixture, Fixture::Cell(_)) {
-            self.bring(&mut experiment, run)?;
+        if matches!(leading.fixture, Fixture::Cell(_)) {
+            self.bring(&mut experiment, leading)?;
         } else {
             experiment.temperature = None;
         }
-        match &run.what {
-            Planned::Trace(segments) => experiment.traces.push(trace(first, (run, &self.ocv), segments)?),
-            Planned::Eis { freq_hz, amplitude_a } => {
-                let mut eis = first.eis.clone().ok_or("the campaign sweeps nothing")?;
-                eis.fixture = fixture(first, &run.fixture)?;
-                (eis.repeat, eis.rest_s, eis.amplitude_a) = (run.repeat, run.settle_s.min(600.0), *amplitude_a);
-                if freq_hz.first().is_some_and(|f| *f < SLOW_HZ) {
-                    (eis.periods, eis.periods_on_screen) = SLOW_PERIODS;
-                }
-                eis.freqs_hz.clone_from(freq_hz);
-                check_frames(&first.bench, &eis)?;
-                experiment.eis = Some(eis);
+        for run in runs {
+            match &run.what {
+                Planned::Trace(segments) => experiment.traces.push(trace(first, (run, &self.ocv), segments)?),
+                Planned::Eis { freq_hz, amplitude_a } => experiment.eis = Some(sweep(first, run, (freq_hz, *amplitude_a))?),
             }
         }
         let plan = procedure::plan(&experiment).check(&experiment.cell.limits).map_err(|error| error.to_string())?;
         let minutes = plan.plan().expected_s() / 60.0;
         Ok((experiment, minutes))
+    }
+
+    /// Runs of one experiment are played in turn: all with the same thing in the jig, one sweep at most, and none may leave the cell elsewhere.
+    fn can_follow_each_other(&self, runs: &[PlannedRun]) -> Result<(), String> {
+        if runs.windows(2).any(|w| w[0].fixture != w[1].fixture) {
+            return Err("its runs want different things in the jig".to_owned());
+        }
+        if runs.iter().filter(|run| matches!(run.what, Planned::Eis { .. })).count() > 1 {
+            return Err("an experiment has place for one sweep".to_owned());
+        }
+        let capacity_c = 3600.0 * self.ocv.capacity_ah;
+        let stays = |run: &PlannedRun| moved_c(run).abs() < 0.01 * capacity_c;
+        if runs.len() > 1 && !runs.iter().all(stays) {
+            return Err("one of its runs leaves the cell at another charge than the others begin at".to_owned());
+        }
+        Ok(())
     }
 
     /// Brings the cell to another temperature or state of charge, where that is planned.
@@ -105,6 +114,24 @@ impl Site {
         }
         Ok(())
     }
+}
+
+/// Charge that all repeats of a run take out of the cell, C.
+fn moved_c(run: &PlannedRun) -> f64 {
+    let Planned::Trace(segments) = &run.what else { return 0.0 };
+    segments.iter().map(|(span_s, amps)| span_s * amps).sum::<f64>() * run.repeat as f64
+}
+
+fn sweep(first: &Experiment, run: &PlannedRun, (freq_hz, amplitude_a): (&Vec<f64>, f64)) -> Result<Eis, String> {
+    let mut eis = first.eis.clone().ok_or("the campaign sweeps nothing")?;
+    eis.fixture = fixture(first, &run.fixture)?;
+    (eis.repeat, eis.rest_s, eis.amplitude_a) = (run.repeat, run.settle_s.min(600.0), amplitude_a);
+    if freq_hz.first().is_some_and(|f| *f < SLOW_HZ) {
+        (eis.periods, eis.periods_on_screen) = SLOW_PERIODS;
+    }
+    eis.freqs_hz.clone_from(freq_hz);
+    check_frames(&first.bench, &eis)?;
+    Ok(eis)
 }
 
 fn trace(first: &Experiment, (run, ocv): (&PlannedRun, &OcvCurve), segments: &[(f64, f64)]) -> Result<Trace, String> {

@@ -31,8 +31,10 @@ pub(super) fn add(loaded: &mut Loaded, (first, folder): (&Path, &Path), planned:
         run.order += orders;
         run.start_s += later_s;
         let swept = matches!(run.data, RunData::Eis(_));
-        if let Some(plan) = planned.iter().find(|plan| matches!(plan.what, Planned::Eis { .. }) == swept) {
-            run.repeat_group.clone_from(&plan.repeat_group);
+        let alike = || planned.iter().filter(|plan| matches!(plan.what, Planned::Eis { .. }) == swept);
+        if let Some(plan) = alike().find(|plan| run.repeat_group == plan.repeat_group).or(alike().next()) {
+            // What repeats nothing of the campaign repeats itself alone: an earlier experiment of this name found another cell.
+            run.repeat_group = if plan.repeat_group == plan.name { format!("{prefix}_{}", plan.name) } else { plan.repeat_group.clone() };
         }
     }
     loaded.set.runs.extend(more.set.runs);

@@ -35,6 +35,8 @@ use crate::{
 const SCHEMA: &str = "eis-bench/investigation";
 /// Runs that a diagnosis may ask for, at most.
 const MOST_RUNS: usize = 6;
+/// Times that the same run may be asked for.
+const MOST_AGAIN: usize = 2;
 /// Highest order that is tried where the experiment states none.
 const MOST_RC: usize = 6;
 /// Part of a limit that planned currents use: what is driven scatters around what is commanded.
@@ -219,14 +221,16 @@ impl Desk<'_> {
         Ok((outcome, asked))
     }
 
-    /// Refuses what was bought already, what bench or cell cannot do, and what the budget does not pay.
+    /// Refuses what was bought often enough, what bench or cell cannot do, and what the budget does not pay.
     fn playable(&self, bought: &[&'static str], asked: Arc<Mutex<Asked>>) -> Playable {
         let (site, bought) = (Site::new(self.experiment, &self.loaded.set, &self.model.ocv), bought.to_vec());
         let (minutes_left, ah_left) = (self.means.budget.minutes - self.spent.minutes, self.means.budget.charge_ah - self.spent.charge_ah);
         Arc::new(move |name, runs| {
             let charge_ah: f64 = runs.iter().map(PlannedRun::charge_ah).sum();
             let found = match site.as_ref().map_err(String::clone).and_then(|site| site.experiment(runs)) {
-                _ if bought.contains(&name) => Err((End::NoExperiment, "was played already".to_owned())),
+                _ if bought.iter().filter(|played| **played == name).count() >= MOST_AGAIN => {
+                    Err((End::NoExperiment, "was played already".to_owned()))
+                }
                 Err(reason) => Err((End::NoExperiment, reason)),
                 Ok((_, minutes)) if minutes > minutes_left || charge_ah > ah_left => {
                     let left = format!("takes {minutes:.0} min and {charge_ah:.2} Ah; left are {minutes_left:.0} min and {ah_left:.2} Ah");

@@ -87,6 +87,13 @@ fn settled(scores: &[Score]) -> String {
         let _ =
             writeln!(out, "  {:<26}{right:>4} of {:<4}{}", format!("up to {most} recommended"), ambiguous.len(), columns(ends.into_iter()));
     }
+    // After the first run, or at once where none was asked for.
+    let declared = |s: &&&Score| {
+        let (end, said) = s.recommended.first().map_or((s.end, &s.inseparable), |r| (r.settled, &r.inseparable));
+        end == End::Twin && !said.is_empty()
+    };
+    let _ =
+        writeln!(out, "  left open by the first, and said that no run of the menu can tell: {}", ambiguous.iter().filter(declared).count());
     let first: Vec<&Recommended> = ambiguous.iter().filter_map(|s| s.recommended.first()).collect();
     let mut runs: BTreeMap<(bool, &str), Vec<&Recommended>> = BTreeMap::new();
     first.into_iter().for_each(|r| runs.entry((!r.settles, r.name)).or_default().push(r));

@@ -69,6 +69,8 @@ pub struct Score {
     pub lambdas: Vec<f64>,
     /// Rivals with their score less that of the named one, and r.
     pub gaps: Vec<(&'static str, f64, f64)>,
+    /// What no run of the menu would tell: an effect and what imitates it.
+    pub inseparable: Vec<[&'static str; 2]>,
     /// The runs that an ambiguous end asked for, in the order in which they were played.
     pub recommended: Vec<Recommended>,
 }
@@ -90,6 +92,8 @@ pub struct Recommended {
     pub named: Vec<(&'static str, f64)>,
     /// Rivals given then, with their score less that of the named one.
     pub rivals: Vec<(&'static str, f64)>,
+    /// What no run of the menu would tell then.
+    pub inseparable: Vec<[&'static str; 2]>,
     /// Summary and notes then.
     pub notes: Vec<String>,
 }
@@ -103,6 +107,8 @@ pub struct ParameterScore {
     pub truth: f64,
     /// Fitted value.
     pub value: f64,
+    /// Its standard deviation, where the data fix it.
+    pub sigma: Option<f64>,
     /// True where the 95 % interval holds the truth.
     pub covered: bool,
 }
@@ -120,11 +126,11 @@ pub fn stratum_name(stratum: Stratum) -> &'static str {
     }
 }
 
-/// Plays one specification.
+/// Plays one specification; if asked to, with the runs that an ambiguous end recommends.
 ///
 /// # Errors
 /// A data set that cannot be used although nothing was damaged, or a model that cannot be fitted.
-pub fn play(stratum: Stratum, spec: &Spec) -> anyhow::Result<Score> {
+pub fn play(stratum: Stratum, spec: &Spec, follow_up: bool) -> anyhow::Result<Score> {
     let case = Case::new(spec);
     let set = convert::data_set(&case);
     let (outcome, model) =
@@ -139,7 +145,7 @@ pub fn play(stratum: Stratum, spec: &Spec) -> anyhow::Result<Score> {
     let lambda = if spec.corruption.is_none() && !spec.hidden.is_empty() { strength(spec, &case).ok() } else { None };
     let closed = closed(&case, &set, &model, &outcome);
     let mut asked = Vec::new();
-    if outcome.diagnosis.verdict == Verdict::Ambiguous {
+    if follow_up && outcome.diagnosis.verdict == Verdict::Ambiguous {
         let after = settle(spec, &set, &model, &outcome)?;
         let before = std::iter::once(&outcome).chain(&after);
         asked.extend(before.zip(&after).filter_map(|(before, after)| recommended(&truth(&case), before, after)));
@@ -160,6 +166,7 @@ fn recommended(truth: &[&str], before: &Outcome, after: &Outcome) -> Option<Reco
         settled: end(Some(d.verdict), truth, &named, &rivals),
         named: d.effects.iter().map(|e| (e.name, e.evidence.lambda)).collect(),
         rivals: d.rivals.iter().map(|r| (r.name, r.score_gap)).collect(),
+        inseparable: d.inseparable.clone(),
         notes: std::iter::once(&d.summary).chain(&d.notes).cloned().collect(),
     })
 }
@@ -219,7 +226,7 @@ fn parameter(effect: &LabelledEffect, d: &Diagnosis) -> Option<ParameterScore> {
     let fitted = d.effects.iter().find(|e| e.name == name)?.parameters.first()?;
     let truth = true_strength(effect)?;
     let covered = fitted.interval.0 <= truth && truth <= fitted.interval.1;
-    Some(ParameterScore { name: format!("{name}.{}", fitted.name), truth, value: fitted.value, covered })
+    Some(ParameterScore { name: format!("{name}.{}", fitted.name), truth, value: fitted.value, sigma: fitted.sigma, covered })
 }
 
 fn candidate(c: &Candidate) -> String {
@@ -252,6 +259,7 @@ fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, clos
         notes: d.map_or(Vec::new(), |d| std::iter::once(&d.summary).chain(&d.notes).cloned().collect()),
         lambdas: d.map_or(Vec::new(), |d| d.effects.iter().map(|e| e.evidence.lambda).collect()),
         gaps: d.map_or(Vec::new(), |d| d.rivals.iter().map(|r| (r.name, r.score_gap, r.discriminability)).collect()),
+        inseparable: d.map_or(Vec::new(), |d| d.inseparable.clone()),
         recommended: Vec::new(),
     }
 }

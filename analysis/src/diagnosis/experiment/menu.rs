@@ -28,6 +28,10 @@ const SLOW_REPEAT: usize = 2;
 const MIRRORED: [f64; 3] = [1.0, 0.5, 0.25];
 /// Halves of the half periods of square waves, s.
 const HALVES_S: [f64; 5] = [2.0, 5.0, 10.0, 20.0, 40.0];
+/// States of charge between which the cell is walked, the widest walk first: below and above, curves are steep and seldom well known.
+const WALK: [(f64, f64); 3] = [(0.3, 0.9), (0.35, 0.8), (0.4, 0.7)];
+/// Rest at each end of the walk, s.
+const WALK_REST_S: f64 = 600.0;
 /// Half of a burst, s: the shortest current that a bench times well.
 const BURST_S: f64 = 0.5;
 
@@ -50,6 +54,27 @@ impl MenuItem {
         let mut more = self.clone();
         more.runs.iter_mut().for_each(|run| run.repeat *= times);
         more
+    }
+
+    /// Whether another item can be played in the same experiment: one sweep at most, and the cell under the same circumstances.
+    pub(super) fn joins(&self, other: &Self) -> bool {
+        let all = || self.runs.iter().chain(&other.runs);
+        let cells: Vec<&PlannedRun> = all().filter(|run| matches!(run.fixture, Fixture::Cell(_))).collect();
+        let alike = cells.windows(2).all(|w| w[0].soc == w[1].soc && w[0].temperature_c == w[1].temperature_c);
+        self.name != other.name && alike && all().filter(|run| matches!(run.what, Planned::Eis { .. })).count() < 2
+    }
+
+    /// This item and then another one.
+    pub(super) fn and(&self, other: &Self) -> Self {
+        let mut both = self.clone();
+        let (orders, later_s) = (self.runs.iter().map(|run| run.repeat as u32).sum::<u32>(), 60.0 * self.duration_min());
+        both.runs.extend(other.runs.iter().map(|run| PlannedRun {
+            order: run.order + orders,
+            start_s: run.start_s + later_s,
+            ..run.clone()
+        }));
+        both.description = format!("{}; then {}", self.description, other.description);
+        both
     }
 
     /// Charge moved in either direction, Ah.
@@ -168,6 +193,7 @@ pub(super) fn menu(campaign: &Campaign<'_>) -> Vec<MenuItem> {
             .flatten(),
     );
     items.extend([minor_loops(campaign), equal_charge(campaign)].into_iter().flatten());
+    items.extend(WALK.iter().filter_map(|ends| range_walk(campaign, *ends)));
     items.extend(sentinel_repeat(campaign));
     items
 }
@@ -283,6 +309,21 @@ fn minor_loops(campaign: &Campaign<'_>) -> Option<MenuItem> {
     let segments = std::iter::once((2.0, 0.0)).chain(loops).collect();
     let words = format!("loops of {amps:.1} A out and back around the start, 120 s down to 15 s and up again");
     (amps > 0.0).then(|| campaign.trace("minor_loops", words, segments)).flatten()
+}
+
+/// Down, up and back at the current of one hour: a charge counted wrong shows where the curve bends, a voltage read wrong where it is far from the start.
+fn range_walk(campaign: &Campaign<'_>, (low, high): (f64, f64)) -> Option<MenuItem> {
+    let capacity_ah = campaign.problem.base.ocv.capacity_ah;
+    let amps = campaign.both_ways_a().min(capacity_ah);
+    let (down, up) = ((campaign.soc - low).max(0.0), (high - campaign.soc).max(0.0));
+    let span_s = |part: f64| 3600.0 * capacity_ah * part / amps;
+    let legs = [(span_s(down), amps), (span_s(down + up), -amps), (span_s(up), amps)];
+    let legs = legs.into_iter().filter(|leg| leg.0 > 0.0).flat_map(|leg| [leg, (WALK_REST_S, 0.0)]);
+    let segments = std::iter::once((2.0, 0.0)).chain(legs).collect();
+    let (lowest, highest) = (100.0 * (campaign.soc - down), 100.0 * (campaign.soc + up));
+    let words =
+        format!("{amps:.1} A down to {lowest:.0} %, up to {highest:.0} % state of charge and back to the start, with rests between");
+    (amps > 0.0).then(|| campaign.trace("range_walk", words, segments)).flatten()
 }
 
 /// Pulses of several amplitudes with the same charge, both ways where charging is allowed.

@@ -1,6 +1,7 @@
 use super::menu::{Campaign, menu};
+use super::open::Open;
 use super::separate::{View, separation_chi2};
-use super::{BenchLimits, Open, Planned, PlannedRun, Playable, recommend};
+use super::{Advice, BenchLimits, Planned, PlannedRun, Playable, recommend};
 use crate::diagnosis::block::Desk;
 use crate::diagnosis::data::{DataSet, Fixture, RunData};
 use crate::diagnosis::gate::tests::sim::{Hidden, campaign, model};
@@ -63,7 +64,7 @@ fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> (Fit, Selectio
 fn an_inductance_is_told_from_a_skew_by_a_shunt() {
     let p = prepared(&cell_runs(inductive));
     let (base, selection) = selected(&p, 1e3, &["inductance", "time_skew"]);
-    let (next, runs) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None)).unwrap();
+    let (next, runs) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None)).next.unwrap();
     assert!(next.name.starts_with("shunt_sweep"), "{next:?}");
     let mut apart = next.separates.clone();
     apart.sort_unstable();
@@ -84,7 +85,7 @@ fn what_cannot_be_played_is_not_recommended() {
         seen.lock().unwrap().push((name.to_owned(), runs.len()));
         !name.starts_with("shunt")
     });
-    let next = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, Some(&playable)));
+    let next = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, Some(&playable))).next;
     assert!(next.is_none_or(|(next, _)| !next.name.starts_with("shunt")));
     assert!(asked.lock().unwrap().contains(&("shunt_sweep".to_owned(), 1)));
     // Of one shunt only that one can be swept.
@@ -98,7 +99,7 @@ fn what_cannot_be_played_is_not_recommended() {
 fn what_is_too_weak_to_be_certain_is_to_be_seen_better() {
     let p = prepared(&cell_runs(weakly_inductive));
     let (base, selection) = selected(&p, 60.0, &["inductance"]);
-    let (next, _) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None)).unwrap();
+    let (next, _) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None)).next.unwrap();
     assert_eq!(next.separates, ["inductance"]);
     assert!(next.separation_sigma > next.separation_now_sigma, "{next:?}");
 }
@@ -109,9 +110,9 @@ fn what_is_settled_needs_no_experiment() {
     let base = p.problem.fit(&Structure::default(), &model().erm, &mut Desk::default());
     let nothing = Selection::nothing(&base);
     for verdict in [Verdict::AtNoiseFloor, Verdict::Explained, Verdict::Invalid] {
-        assert!(recommend(&p, verdict, (&base, &nothing), (None, None)).is_none(), "{verdict:?}");
+        assert!(recommend(&p, verdict, (&base, &nothing), (None, None)).next.is_none(), "{verdict:?}");
     }
-    let (next, runs) = recommend(&p, Verdict::Unexplained, (&base, &nothing), (None, None)).unwrap();
+    let (next, runs) = recommend(&p, Verdict::Unexplained, (&base, &nothing), (None, None)).next.unwrap();
     assert_eq!((next.name, runs[0].repeat_group.as_str(), runs.len()), ("sentinel_repeat", "eis", 1));
     assert!(next.description.contains("run eis_0 once more"), "{}", next.description);
 }
@@ -183,6 +184,9 @@ fn the_menu_keeps_to_limits_and_range() {
             "square_waves",
             "minor_loops",
             "equal_charge_pulses",
+            "range_walk",
+            "range_walk",
+            "range_walk",
             "sentinel_repeat",
         ]
     );
@@ -235,6 +239,52 @@ fn nothing_refused_and_nothing_named_leaves_nothing_open() {
     let p = prepared(&cell_runs(storage));
     let base = p.problem.fit(&Structure::default(), &model().erm, &mut Desk::default());
     for verdict in [Verdict::Ambiguous, Verdict::Unexplained] {
-        assert!(Open::new((&p.problem, true), verdict, &base, &Selection::nothing(&base)).pairs.is_empty());
+        assert!(Open::new(true, verdict, (&[], &Selection::nothing(&base)), &mut Desk::default()).pairs.is_empty());
     }
+}
+
+#[test]
+fn a_second_run_comes_after_all_repeats_of_the_first_and_only_one_is_a_sweep() {
+    let p = prepared(&cell_runs(storage));
+    let items = menu(&Campaign::new(&p.problem, None));
+    let item = |name: &str| items.iter().find(|i| i.name == name).unwrap();
+    let (loops, log, shunt) = (item("minor_loops"), item("zero_current_log"), item("shunt_sweep"));
+    let both = loops.times(2).and(log);
+    let [first, second] = both.runs.as_slice() else { panic!("two runs") };
+    assert_eq!((first.repeat, second.order), (6, first.order + 6));
+    assert!((second.start_s - first.start_s - first.duration_s()).abs() < 1e-6);
+    assert!((both.duration_min() - loops.times(2).duration_min() - log.duration_min()).abs() < 1e-9);
+    assert!(loops.joins(log) && loops.joins(shunt));
+    for (one, other) in [(shunt, item("eis_larger_amplitude")), (loops, loops), (loops, item("eis_lower_soc"))] {
+        assert!(!one.joins(other), "{} and {}", one.name, other.name);
+    }
+}
+
+#[test]
+fn what_no_run_brings_forward_is_named_and_does_not_count() {
+    let p = prepared(&cell_runs(inductive));
+    let (_, selection) = selected(&p, 1e3, &["inductance", "time_skew", "rc_slow"]);
+    let mut open = Open::new(true, Verdict::Ambiguous, (&[None], &selection), &mut Desk::default());
+    let more = |by: f64| open.now.iter().map(|l| l + by).collect::<Vec<f64>>();
+    // A lead of 14 in all but one of twenty cases, of an effect that may be weaker, needs 36.5: eight times five.
+    let (now, some, mut then) = (open.now.clone(), more(5.0), more(1e4));
+    assert_eq!((open.times(&now, &some, 16), open.times(&now, &then, 16)), (8, 1));
+    (then[0], then[1]) = (now[0], now[1]);
+    assert_eq!(open.least(&then), 0.0);
+    assert_eq!(open.leave_out(&[then.as_slice()], 16), [["inductance", "time_skew"]]);
+    assert!(open.least(&then) >= 1.0 && !open.all_settled(&then));
+}
+
+#[test]
+fn what_no_run_tells_is_said_with_what_would() {
+    let inseparable = vec![["current_gain", "voltage_gain"], ["inductance", ""]];
+    let notes = Advice { next: None, inseparable }.notes();
+    assert_eq!(
+        notes,
+        [
+            "no run of the menu, however often it is repeated, tells gain error of the current channel from gain error of the voltage channel; what would: \
+             the same shunt through both instruments",
+            "series inductance: its signal is too small for any run of the menu to make it certain",
+        ]
+    );
 }

@@ -44,6 +44,7 @@ fn refused(set: &DataSet, model: &BaseModel, reasons: &[Reason], notes: Vec<Stri
         gap: Vec::new(),
         gap_spectra: Vec::new(),
         next_experiment: None,
+        inseparable: Vec::new(),
         notes,
         quality: Quality { base_chi2: none, degrees_of_freedom: none, base_z: none, augmented_chi2: none, augmented_z: none },
         noise: NoiseReport { from_repeats: false, terms: Vec::new() },

@@ -171,6 +171,28 @@ fn a_name_that_something_outside_the_catalogue_beats_is_withdrawn() {
     assert!(on.summary.contains("something like a change of the resistances between two runs"), "{}", on.summary);
 }
 
+/// A campaign with a current channel that reads more where the current is large.
+fn ranged(seed: u64, gain: f64) -> DataSet {
+    let mut set = campaign(seed, &Hidden::default(), &Hidden::default());
+    for run in &mut set.runs {
+        if let RunData::Time(record) = &mut run.data {
+            record.series.current_a.iter_mut().filter(|i| i.abs() > 30.0).for_each(|i| *i *= 1.0 + gain);
+        }
+    }
+    set
+}
+
+#[test]
+fn what_differs_between_circumstances_is_no_noise() {
+    // So little that the sum of all squares takes it for noise.
+    let set = ranged(101, 0.003);
+    let differs = |d: &Diagnosis| d.notes.iter().any(|n| n.contains("the resistance is not the same over"));
+    let on = with(&set, Guards::default());
+    assert!(on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && differs(&on), "{:?} {:?}", on.quality, on.notes);
+    assert!(!differs(&with(&set, Guards { consistency: false, ..Guards::default() })));
+    assert!(!differs(&with(&ranged(101, 0.0), Guards::default())));
+}
+
 #[test]
 fn a_fit_that_did_not_converge_is_no_evidence() {
     let hidden = Hidden { per_soc: -0.6, ..Hidden::default() };

@@ -2,4 +2,5 @@
 
 mod bench;
 mod guards;
+mod scatter;
 mod workflow;

@@ -157,6 +157,7 @@ impl<'a> Run<'a> {
         // Without this a heat that depends on itself is of first order.
         after.current_a += start.cell.current_a - before.cell.current_a;
         after.overpotential_v += start.cell.overpotential_v - before.cell.overpotential_v;
+        after.stored_w += start.cell.stored_w - before.cell.stored_w;
         self.dynamics.iter_mut().for_each(|d| d.advance(&after, 0.5 * step_s));
         Ok(())
     }
@@ -180,7 +181,7 @@ impl<'a> Run<'a> {
         let (ocv_v, slope_v) = self.model.ocv_v(self.soc);
         let (sum_v, r_ohm) = (self.v.iter().sum::<f64>(), self.laws.network.r_ohm);
         let (ocv_cell_v, slope_v) = (ocv_v / series, slope_v / series);
-        let mut cell = Instant { time_s, current_a: 0.0, soc: self.soc, ocv_v: ocv_cell_v, slope_v, overpotential_v: sum_v };
+        let mut cell = Instant { time_s, current_a: 0.0, soc: self.soc, ocv_v: ocv_cell_v, slope_v, overpotential_v: sum_v, stored_w: 0.0 };
         let mut factor = Modulation::NONE;
         let mut looks = 0;
         loop {
@@ -201,6 +202,7 @@ impl<'a> Run<'a> {
             if change_a > 1e-13 * current_a.abs() && looks < MOST_LOOKS {
                 continue;
             }
+            cell.stored_w = self.laws.network.stored_w(&self.v, current_a, factor.branches);
             let (current_a, ccv_v) = (reply.current_a, e_v - terminals_ohm * reply.current_a);
             let demand_w = if self.demand == Demand::Power { demand } else { ccv_v * current_a };
             let (available_w, infeasible) = (drive.available_w(e_v), reply.infeasible);

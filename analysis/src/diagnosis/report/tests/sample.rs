@@ -97,6 +97,7 @@ pub(super) fn explained() -> Diagnosis {
             floor_percent: 0.35,
         }],
         next_experiment: None,
+        inseparable: Vec::new(),
         notes: vec!["Run pulse_7 was left out: its first sample stands before the edge.".into()],
         quality: Quality { base_chi2: 15480.0, degrees_of_freedom: 1004.0, base_z: 323.0, augmented_chi2: 1021.0, augmented_z: 0.4 },
         noise: noise(true),
@@ -146,6 +147,7 @@ pub(super) fn ambiguous() -> Diagnosis {
             candidate("soc_resistance", 38.0, Some(24.7), "within 6 of self_heating"),
             candidate("current_offset", 12.0, Some(3.1), "score below 8"),
         ],
+        inseparable: Vec::new(),
         next_experiment: Some(NextExperiment {
             name: "zero_net_charge_bursts",
             description: "Bursts of ±100 A for 0.2 s each that leave the charge as it was, for two minutes, with rest before and after."

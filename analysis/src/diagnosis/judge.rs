@@ -1,0 +1,80 @@
+//! The verdict: what a search has found, and whether what is left is noise.
+
+use super::consistency::Inconsistency;
+use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, LEAST_BLOCK_P};
+use super::outcome::{Diagnosis, Verdict};
+use super::select::Selection;
+
+/// What speaks against taking what is left for noise, beside its χ² and its blocks.
+pub(super) struct Doubts {
+    /// Why the repeats cannot be believed.
+    pub(super) moved: Option<String>,
+    /// (χ² − dof)/√(2·dof) of the held-out runs.
+    pub(super) held_out_z: f64,
+    /// What may differ between circumstances, most significant first.
+    pub(super) differs: Vec<Inconsistency>,
+}
+
+/// Verdict, summary and notes.
+pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
+    let Doubts { moved, held_out_z, differs } = doubts;
+    let quiet = d.where_after.iter().all(|b| b.p_value > LEAST_BLOCK_P);
+    let differs = differs.first().filter(|d| d.p_value <= LEAST_BLOCK_P);
+    let fits = d.quality.augmented_z < GOOD_FIT_Z && held_out_z < GOOD_FIT_Z && quiet && differs.is_none();
+    let names: Vec<&str> = d.effects.iter().map(|e| e.title).collect();
+    if !d.noise.from_repeats {
+        d.notes.push(
+            "fewer than three repeats of any spectrum or any record: the noise is assumed, so that no noise floor can be claimed"
+                .to_owned(),
+        );
+    }
+    if held_out_z >= GOOD_FIT_Z {
+        d.notes.push(format!("held-out runs are missed by {held_out_z:.1} standard deviations of their χ²"));
+    }
+    if let Some(differs) = differs {
+        let Inconsistency { quantity, over, chi2, dof, p_value } = differs;
+        d.notes.push(format!("{quantity} is not the same over {over}: χ² {chi2:.0} of {dof}, p {p_value:.1e}"));
+    }
+    if let Some(reason) = moved {
+        d.verdict = Verdict::Unexplained;
+        d.summary = format!("The noise floor itself moved: {reason}. Nothing is named; look for a loose contact or hum.");
+        return;
+    }
+    if let Some(title) = selection.outside {
+        d.verdict = Verdict::Unexplained;
+        d.summary = format!("Something is missing that no effect of the catalogue explains: {title} would explain it better.");
+        hint(d, selection);
+        return;
+    }
+    (d.verdict, d.summary) = match (fits, names.is_empty()) {
+        (true, true) if d.noise.from_repeats => {
+            (Verdict::AtNoiseFloor, "Nothing is missing that these repeats could show: the residual is at the noise floor.".to_owned())
+        }
+        (true, true) => {
+            (Verdict::Unexplained, "The residual is within the assumed noise; without repeats this is not a finding.".to_owned())
+        }
+        (true, false) if d.rivals.is_empty() && d.effects.iter().any(|e| e.evidence.lambda < CERTAIN_LAMBDA) => {
+            let text = "Missing: {} – but the signal is so weak that something outside the catalogue would look the same.";
+            (Verdict::Ambiguous, text.replace("{}", &names.join(", ")))
+        }
+        (true, false) if d.rivals.is_empty() && selection.doubt.is_some() => {
+            let doubt = selection.doubt.as_deref().unwrap_or_default();
+            (Verdict::Ambiguous, format!("Missing: {} – but not for certain: {doubt}.", names.join(", ")))
+        }
+        (true, false) if d.rivals.is_empty() => (Verdict::Explained, format!("Missing and now added: {}.", names.join(", "))),
+        (true, false) => {
+            let others: Vec<&str> = d.rivals.iter().map(|r| r.name).collect();
+            (Verdict::Ambiguous, format!("Missing: {} – or {}: these data cannot tell.", names.join(", "), others.join(", ")))
+        }
+        (false, false) => (Verdict::Unexplained, format!("{} explains a part; the rest has no name in the catalogue.", names.join(", "))),
+        (false, true) => (Verdict::Unexplained, "Something is missing that no effect of the catalogue explains.".to_owned()),
+    };
+    hint(d, selection);
+}
+
+/// What would help but may not be named.
+fn hint(d: &mut Diagnosis, selection: &Selection) {
+    if let Some((name, score, reason)) = &selection.refused {
+        d.notes.push(format!("hint only, not named: {name} would gain {score:.0} but {reason}"));
+    }
+}
