@@ -5,6 +5,7 @@ use std::time::Duration;
 use crate::{
     exchange::{Identity, leading_number},
     link::{Link, LinkError, LinkProfile},
+    transport::Address,
     units::{Amps, Volts},
 };
 
@@ -49,11 +50,17 @@ impl<D: Model + ?Sized> Instrument<D> {
         Self { channels, ..self }
     }
 
-    /// Asks who it is; changes nothing.
+    /// Asks who it is; changes nothing. Where nothing tells that an earlier client left an answer unread, a strange identity may be that answer: the link is
+    /// brought into step then, and the question asked again.
     ///
     /// # Errors
     /// The link's.
     pub async fn identify(&mut self) -> Result<Identity, LinkError> {
+        let identity = Identity::parse(&self.link.query(self.dialect.identity_query()).await?);
+        if self.dialect.recognises(&identity) || !matches!(self.link.address(), Address::UsbTmc { .. }) {
+            return Ok(identity);
+        }
+        self.link.reconnect().await?;
         Ok(Identity::parse(&self.link.query(self.dialect.identity_query()).await?))
     }
 

@@ -70,7 +70,7 @@ pub fn check_short(points: &[ImpedancePoint], known: &KnownImpedance, tolerance_
         return failed("the control was not measured: expected at least one point, met none".to_owned(), f64::NAN);
     };
     let passed = error_ohm <= tolerance_ohm;
-    let (verdict, word) = if passed { ("", "within") } else { (" measures WRONG", "OUTSIDE") };
+    let (verdict, word) = if passed { ("", "within") } else { (" FAILS", "OUTSIDE") };
     let text = format!(
         "short of {} µΩ{verdict}: off by {} µΩ at {} Hz, {word} the tolerance of {} µΩ",
         short(known.r_ohm * 1e6),
@@ -95,7 +95,7 @@ fn failed(text: String, freq_hz: f64) -> ControlVerdict {
 
 fn in_words(known: &KnownImpedance, tolerance: &ControlTolerance, [magnitude, phase]: [(f64, f64); 2], good: [bool; 2]) -> String {
     let word = |good: bool| if good { "within" } else { "OUTSIDE" };
-    let verdict = if good[0] && good[1] { "" } else { " measures WRONG" };
+    let verdict = if good[0] && good[1] { "" } else { " FAILS" };
     format!(
         "control of {:.3} mΩ{verdict}: magnitude off by {:+.2} % at {} Hz, {} the tolerance of {} %; phase off by {:+.2}° at {} Hz, {} the \
          tolerance of {}°",

@@ -301,7 +301,7 @@ fn a_control_is_judged_in_words() {
     assert!(!wrong.passed && wrong.worst_phase_freq_hz > 299.0, "{wrong:?}");
     assert_eq!(
         wrong.text,
-        "control of 9.960 mΩ measures WRONG: magnitude off by +1.37 % at 300 Hz, OUTSIDE the tolerance of 1 %; phase off by +1.08° at 300 Hz, \
+        "control of 9.960 mΩ FAILS: magnitude off by +1.37 % at 300 Hz, OUTSIDE the tolerance of 1 %; phase off by +1.08° at 300 Hz, \
          OUTSIDE the tolerance of 1°"
     );
     let none = check_control(&[], &exactly(SHUNT), &tolerance);

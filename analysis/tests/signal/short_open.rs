@@ -127,7 +127,7 @@ fn a_short_is_judged_in_ohms() {
     let bar = KnownImpedance { r_ohm: 20e-6, r_sigma_ohm: 0.0, l_h: 0.0, l_sigma_h: 0.0 };
     // C4 shows 0.5 % more of (17 + 9.96 + 12 + 0.02) mΩ: 194.9 µΩ.
     let wrong = check_short(&points, &bar, 100e-6);
-    assert!(!wrong.passed && wrong.text.starts_with("short of 20 µΩ measures WRONG: off by 194.9 µΩ at "), "{}", wrong.text);
+    assert!(!wrong.passed && wrong.text.starts_with("short of 20 µΩ FAILS: off by 194.9 µΩ at "), "{}", wrong.text);
     assert!(wrong.text.ends_with("OUTSIDE the tolerance of 100 µΩ"), "{}", wrong.text);
     let right = check_short(&points, &bar, 200e-6);
     assert!(

@@ -1,6 +1,7 @@
 //! What needs current: on copper in the place of the cell, half an ampere at most, around zero.
 
 use analysis::{
+    calibration::{KnownImpedance, Priors},
     sine::{self, Channel, FitOptions, Record},
     spectrum::ChannelPhasors,
 };
@@ -15,7 +16,7 @@ use instruments::{
 
 use super::{
     Examination, Verdict,
-    probes::Loop,
+    probes::{Known, Loop},
     scope::Level,
     steps::{self, Step},
 };
@@ -168,8 +169,13 @@ impl Examination<'_> {
             channels_v: [0, 1, 2, 3].map(|slot| up.levels[slot].mean_v - down.levels[slot].mean_v),
             trim: self.config.wiring.command_trim,
         };
-        let fixture_ohm = fixture_check::known(self.config, fixture).r_ohm;
-        let circuit = Loop { fixture, shunt_ohm: self.config.wiring.shunt.r_ohm, fixture_ohm };
+        let known = |known: KnownImpedance| Known { ohm: known.r_ohm, sigma_ohm: known.r_sigma_ohm };
+        let circuit = Loop {
+            fixture,
+            shunt: known(self.config.wiring.shunt),
+            control: known(fixture_check::known(self.config, fixture)),
+            gain_sigma: Priors::default().gain_sigma,
+        };
         Ok(steps::judge(&mut self.findings, &circuit, &step))
     }
 

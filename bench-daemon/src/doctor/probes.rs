@@ -2,8 +2,11 @@
 //!
 //! The loop is earth, return wire, (1) shunt (2), wire, (3) fixture (4), all voltages against earth. So for one ampere the four readings rise in this order,
 //! by the unknown resistance of a wire, the shunt, another wire and the fixture in the jig; with the second pair on the shunt they are those of the first.
-//! Every single mistake that is common at a bench – leads in another order, a lead that reads nothing, a probe of another factor – is tried; one that
-//! makes all four readings possible is an explanation.
+//! Every single mistake that is common at a bench – leads in another order, a lead that reads nothing, a probe of another factor, a control whose value in the
+//! bench file is another one's – is tried; one that makes all four readings possible is an explanation.
+//!
+//! How far a reading may be off follows from what is stated: the standard deviation of the control in the bench file, and that of the probes' gains, which act
+//! on the voltage that both leads of a pair have in common.
 
 use instruments::mock::plant::Fixture;
 
@@ -12,10 +15,19 @@ use instruments::mock::plant::Fixture;
 pub(super) struct Loop {
     /// What the probes C3 and C4 are on.
     pub(super) fixture: Fixture,
-    /// The current shunt, Ω.
-    pub(super) shunt_ohm: f64,
-    /// The fixture, Ω.
-    pub(super) fixture_ohm: f64,
+    /// The current shunt.
+    pub(super) shunt: Known,
+    /// The fixture.
+    pub(super) control: Known,
+    /// Standard deviation of the gain of one channel relative to another.
+    pub(super) gain_sigma: f64,
+}
+
+/// A resistance of the bench file with its standard deviation, Ω.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Known {
+    pub(super) ohm: f64,
+    pub(super) sigma_ohm: f64,
 }
 
 /// A mistake at the probes.
@@ -29,15 +41,22 @@ pub(super) enum Mistake {
     Factor(usize, f64),
     /// A channel, from 1, reads nothing.
     Dead(usize),
+    /// The shunt is not that of the bench file, but of so many Ω.
+    Shunt(f64),
+    /// The fixture is not that of the bench file, but of so many Ω.
+    Control(f64),
 }
 
 /// Probe factors that are off by what people set wrongly, and a sign.
 const FACTORS: [f64; 8] = [0.1, 10.0, 0.01, 100.0, 0.5, 2.0, -1.0, 0.001];
-/// How far a resistance may be from the known one, as a share of it, and as a share of the largest reading: probes that differ act on the common mode.
-const OF_VALUE: f64 = 0.05;
-const OF_LARGEST: f64 = 0.015;
+/// So many standard deviations cover 95 % and 99 % of what is normally distributed.
+pub(super) const COVERAGE: (f64, f64) = (1.96, 2.576);
+/// Standard deviation of the read-back of a supply, as a share; its manual may promise less.
+pub(super) const METER_SIGMA: f64 = 0.01;
 /// The noise of a mean, Ω at the current of the test.
 const FLOOR_OHM: f64 = 0.1e-3;
+/// A control of another value than the bench file's has between a part and a multiple of it; beyond, it is rather a lead.
+const ANOTHER: f64 = 3.0;
 /// A wire of more than this is no wire, Ω.
 const MOST_WIRE_OHM: f64 = 0.3;
 
@@ -66,26 +85,58 @@ impl Loop {
                 }
             }
             let largest = largest(&readings);
-            if readings[slot].abs() < FLOOR_OHM + OF_LARGEST * largest && self.possible(readings, Some(slot)) {
+            if readings[slot].abs() < self.bound(self.sigma_ohm((largest, 0.0), None)) && self.possible(readings, Some(slot)) {
                 found.push(Mistake::Dead(slot + 1));
             }
+        }
+        found.extend(self.values(readings));
+        found
+    }
+
+    /// Values of the controls that make the readings possible as they are.
+    fn values(&self, readings: [f64; 4]) -> Vec<Mistake> {
+        let [a, b, c, d] = readings;
+        let another = |met: f64, known: Known| (known.ohm / ANOTHER..=known.ohm * ANOTHER).contains(&met);
+        let with = |known: Known, ohm: f64| Known { ohm, ..known };
+        let mut found = Vec::new();
+        let (shunt, control) = (with(self.shunt, b - a), with(self.control, d - c));
+        let on_shunt = self.fixture == Fixture::Shunt;
+        let other = if on_shunt { Self { shunt, control: shunt, ..*self } } else { Self { shunt, ..*self } };
+        if another(b - a, self.shunt) && other.possible(readings, None) {
+            found.push(Mistake::Shunt(b - a));
+        }
+        if !on_shunt && another(d - c, self.control) && (Self { control, ..*self }).possible(readings, None) {
+            found.push(Mistake::Control(d - c));
         }
         found
     }
 
+    /// Standard deviation of the difference of two readings, Ω: of their gains, and where a control lies between them, of its value and of the current.
+    pub(super) fn sigma_ohm(&self, (low, high): (f64, f64), known: Option<Known>) -> f64 {
+        let control = known.map_or(0.0, |known| known.sigma_ohm.hypot(METER_SIGMA * known.ohm));
+        (self.gain_sigma * low.hypot(high)).hypot(control)
+    }
+
+    /// What 99 % of the readings of a sound bench stay within, Ω.
+    fn bound(&self, sigma_ohm: f64) -> f64 {
+        COVERAGE.1 * sigma_ohm + FLOOR_OHM
+    }
+
     /// Whether four readings can be those of this loop; a channel may be left out of the account.
     fn possible(&self, readings: [f64; 4], without: Option<usize>) -> bool {
-        let largest = largest(&readings);
-        let near = |value: f64, known: f64| (value - known).abs() <= OF_VALUE * known.abs() + OF_LARGEST * largest + FLOOR_OHM;
-        let wire = |value: f64| (-FLOOR_OHM - OF_LARGEST * largest..=MOST_WIRE_OHM).contains(&value);
+        let near = |(low, high): (f64, f64), known: Option<Known>| {
+            let value = known.map_or(0.0, |known| known.ohm);
+            (high - low - value).abs() <= self.bound(self.sigma_ohm((low, high), known))
+        };
+        let wire = |(low, high): (f64, f64)| (-self.bound(self.sigma_ohm((low, high), None))..=MOST_WIRE_OHM).contains(&(high - low));
         let known = |a: usize, b: usize| without.is_some_and(|slot| slot == a || slot == b);
         let [a, b, c, d] = readings;
-        let shunt = known(0, 1) || near(b - a, self.shunt_ohm);
-        let first = without == Some(0) || wire(a);
+        let shunt = known(0, 1) || near((a, b), Some(self.shunt));
+        let first = without == Some(0) || wire((0.0, a));
         let second = if self.fixture == Fixture::Shunt {
-            (known(2, 3) || near(d - c, self.shunt_ohm)) && (known(0, 2) || near(c - a, 0.0)) && (known(1, 3) || near(d - b, 0.0))
+            (known(2, 3) || near((c, d), Some(self.shunt))) && (known(0, 2) || near((a, c), None)) && (known(1, 3) || near((b, d), None))
         } else {
-            (known(2, 3) || near(d - c, self.fixture_ohm)) && (known(1, 2) || wire(c - b))
+            (known(2, 3) || near((c, d), Some(self.control))) && (known(1, 2) || wire((b, c)))
         };
         readings.iter().all(|value| value.is_finite()) && shunt && first && second
     }
@@ -97,7 +148,7 @@ impl Mistake {
         match self {
             Self::Order(order) if order[0] >= 2 || order[1] >= 2 => "probes.swapped",
             Self::Order(order) if order[0] != 0 => "probes.current_pair",
-            Self::Factor(1 | 2, _) | Self::Dead(1 | 2) => "probes.current_pair",
+            Self::Factor(1 | 2, _) | Self::Dead(1 | 2) | Self::Shunt(_) => "probes.current_pair",
             _ => "probes.voltage_pair",
         }
     }
@@ -126,6 +177,14 @@ impl Mistake {
             Self::Factor(channel, factor) => (
                 format!("C{channel} reads {factor} of its voltage"),
                 format!("set the probe factor of channel {channel} on the scope to that of the probe, and the switch on the probe"),
+            ),
+            Self::Shunt(ohm) => (
+                format!("the shunt has {:.2} mΩ by the ammeter, and wiring.shunt.resistance says otherwise", 1.0e3 * ohm),
+                "measure the shunt in four-wire, or look at its plate".to_owned(),
+            ),
+            Self::Control(ohm) => (
+                format!("the fake cell has {:.2} mΩ, and controls.fake_cell.resistance says otherwise", 1.0e3 * ohm),
+                "measure the fake cell in four-wire".to_owned(),
             ),
             Self::Dead(channel) => {
                 (format!("C{channel} reads nothing"), format!("look at the lead of C{channel}, its clip and its plug at the scope"))
@@ -158,8 +217,10 @@ fn orders() -> Vec<[usize; 4]> {
 mod tests {
     use super::*;
 
-    const FAKE: Loop = Loop { fixture: Fixture::FakeCell, shunt_ohm: 9.96e-3, fixture_ohm: 3.75e-3 };
-    const SHUNT: Loop = Loop { fixture: Fixture::Shunt, shunt_ohm: 9.96e-3, fixture_ohm: 9.96e-3 };
+    const OF_SHUNT: Known = Known { ohm: 9.96e-3, sigma_ohm: 0.02e-3 };
+    const FAKE: Loop =
+        Loop { fixture: Fixture::FakeCell, shunt: OF_SHUNT, control: Known { ohm: 3.75e-3, sigma_ohm: 0.05e-3 }, gain_sigma: 0.01 };
+    const SHUNT: Loop = Loop { fixture: Fixture::Shunt, shunt: OF_SHUNT, control: OF_SHUNT, gain_sigma: 0.01 };
 
     fn milli(values: [f64; 4]) -> [f64; 4] {
         values.map(|value| 1.0e-3 * value)
@@ -190,7 +251,7 @@ mod tests {
         }
         for (readings, mistake) in expected {
             let found = FAKE.explain(readings);
-            assert!(found.contains(&mistake) && found.len() <= 2, "{mistake:?}: {found:?} of {readings:?}");
+            assert!(found.contains(&mistake) && found.len() <= 3, "{mistake:?}: {found:?} of {readings:?}");
         }
     }
 
@@ -201,6 +262,35 @@ mod tests {
         assert_eq!(SHUNT.explain([1, 0, 2, 3].map(|from: usize| good[from]))[0].id(), "probes.current_pair");
         assert!(SHUNT.explain([0, 1, 3, 2].map(|from: usize| good[from])).contains(&Mistake::Order([0, 1, 3, 2])));
         assert_eq!(SHUNT.explain(milli([17.0, 27.0, 17.0, 2.7])), [Mistake::Factor(4, 0.1)]);
+    }
+
+    /// A wrong value alone makes readings that a wrong probe could make too: both are told.
+    #[test]
+    fn a_control_of_another_value_is_told_beside_what_else_it_may_be() {
+        let fake_of_6 = FAKE.explain(milli([17.0, 27.0, 39.0, 45.0]));
+        assert!(matches!(fake_of_6[..], [Mistake::Control(ohm)] if (ohm - 6.0e-3).abs() < 1.0e-9), "{fake_of_6:?}");
+        let shunt_of_20 = FAKE.explain(milli([17.0, 37.0, 49.0, 52.75]));
+        assert!(matches!(shunt_of_20[..], [.., Mistake::Shunt(ohm)] if (ohm - 20.0e-3).abs() < 1.0e-9), "{shunt_of_20:?}");
+        let half = FAKE.explain(milli([8.5, 27.0, 39.0, 42.75]));
+        assert!(half.contains(&Mistake::Factor(1, 0.5)) && half.iter().any(|mistake| matches!(mistake, Mistake::Shunt(_))), "{half:?}");
+        // Both pairs read the same: it is not the probes.
+        let both = SHUNT.explain(milli([17.0, 37.0, 17.0, 37.0]));
+        assert!(matches!(both[..], [Mistake::Shunt(_)]), "{both:?}");
+    }
+
+    #[test]
+    fn the_tolerance_follows_from_what_is_stated() {
+        // Gains of 1 % on 39 mΩ and 42.75 mΩ are 0.58 mΩ; a control of ten times the uncertainty shows beside that.
+        let sigma = |sigma_ohm| FAKE.sigma_ohm((39.0e-3, 42.75e-3), Some(Known { ohm: 3.75e-3, sigma_ohm }));
+        assert!(
+            (sigma(0.05e-3) - 0.582e-3).abs() < 1.0e-6 && (sigma(0.5e-3) - 0.766e-3).abs() < 1.0e-6,
+            "{} {}",
+            sigma(0.05e-3),
+            sigma(0.5e-3)
+        );
+        let exact = Loop { gain_sigma: 0.001, ..FAKE };
+        assert_eq!(FAKE.explain(milli([17.0, 27.0, 39.0, 43.8])), [Mistake::None]);
+        assert!(matches!(exact.explain(milli([17.0, 27.0, 39.0, 43.8]))[..], [Mistake::Control(_)]));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use analysis::spectrum::ChannelPhasors;
 use instruments::{
     generator::Sine,
     mock::plant::Fixture,
-    scope::{Capabilities, Intent, Trigger, Vertical, Waveform},
+    scope::{Capabilities, Chosen, Intent, Trigger, Vertical, Waveform},
     units::{Hertz, Seconds, Volts},
 };
 
@@ -174,7 +174,29 @@ impl Executor<'_> {
         fixture: Fixture,
     ) -> Result<[Waveform; 4], ExecuteError> {
         self.apply_verticals().await?;
-        let (points, span) = (eis.record_points, Seconds(eis.periods_on_screen / freq_hz));
+        let screen_s = self.arm_screen(Seconds(eis.periods_on_screen / freq_hz)).await?;
+        let chosen = if self.overlaps() {
+            let ripe_s = self.ripe_s((freq_hz, wait_s), driven_s, screen_s);
+            self.announce()?;
+            let error = self.bench.error("scope");
+            let chosen = require(&mut self.bench.scope, "scope")?.choose(1, eis.record_points).await.map_err(error)?;
+            self.watch_until(ripe_s, fixture).await?;
+            chosen
+        } else {
+            self.wait_watching(wait_s, ("sine", fixture)).await?;
+            None
+        };
+        let error = self.bench.error("scope");
+        require(&mut self.bench.scope, "scope")?.stop().await.map_err(error)?;
+        self.stopped_s = self.clock.now_s();
+        self.go_ahead(fixture).await?;
+        let waveforms = self.fetch_frame((eis.record_points, chosen), fixture).await?;
+        self.check_frame(freq_hz, &waveforms, screen_s)?;
+        waveforms.try_into().map_err(|_| ExecuteError::Signal { freq_hz, reason: "not four channels".to_owned() })
+    }
+
+    /// Arms the scope for a span; gives the length of its screen, s.
+    async fn arm_screen(&mut self, span: Seconds) -> Result<f64, ExecuteError> {
         let trigger = Trigger { channel: TRIGGER_CHANNEL, level: self.trigger_v };
         let overlaps = self.overlaps();
         let error = self.bench.error("scope");
@@ -187,30 +209,25 @@ impl Executor<'_> {
         for intent in timebase.into_iter().chain(trigger).chain([Intent::Arm]) {
             scope.set(&intent).await.map_err(&error)?;
         }
-        let screen_s = per_div.value() * scope_divisions;
-        if overlaps {
-            self.announce()?;
-            self.watch_until(self.ripe_s((freq_hz, wait_s), driven_s, screen_s), fixture).await?;
-        } else {
-            self.wait_watching(wait_s, ("sine", fixture)).await?;
-        }
-        let scope = require(&mut self.bench.scope, "scope")?;
-        scope.stop().await.map_err(&error)?;
-        self.stopped_s = self.clock.now_s();
-        self.go_ahead(fixture).await?;
+        Ok(per_div.value() * scope_divisions)
+    }
+
+    /// The four channels of the stopped frame.
+    async fn fetch_frame(&mut self, (points, chosen): (u64, Option<Chosen>), fixture: Fixture) -> Result<Vec<Waveform>, ExecuteError> {
+        let (overlaps, error) = (self.overlaps(), self.bench.error("scope"));
         let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
         for channel in 1..=4 {
             let scope = require(&mut self.bench.scope, "scope")?;
-            let waveform = match waveforms.last().filter(|_| overlaps) {
-                Some(before) => scope.download_beside(channel, points, before).await,
-                None => scope.download(channel, points).await,
+            let waveform = match (waveforms.last().filter(|_| overlaps), chosen) {
+                (Some(before), _) => scope.download_beside(channel, points, before).await,
+                (None, Some(chosen)) => scope.download_chosen(chosen, points).await,
+                (None, None) => scope.download(channel, points).await,
             };
             waveforms.push(waveform.map_err(&error)?);
             // The current still flows: a download must not stop the watching.
             self.watch_between(fixture).await?;
         }
-        self.check_frame(freq_hz, &waveforms, screen_s)?;
-        waveforms.try_into().map_err(|_| ExecuteError::Signal { freq_hz, reason: "not four channels".to_owned() })
+        Ok(waveforms)
     }
 
     /// The frame must be of this acquisition: as long as the screen, on the scales that were set, the same for all channels.

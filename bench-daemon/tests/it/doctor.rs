@@ -101,6 +101,19 @@ fn each_fault_is_named_and_nothing_is_energised_after_it() {
 }
 
 #[test]
+fn a_wrong_value_of_a_control_in_the_bench_file_is_told_with_what_decides() {
+    for (value, other, fixture, id, key, decides) in [
+        ("3.75 mΩ", "6 mΩ", "fake_cell", "probes.voltage_pair", "controls.fake_cell.resistance", "`--fixture shunt` decides"),
+        ("9.96 mΩ", "14 mΩ", "shunt", "probes.current_pair", "wiring.shunt.resistance", "`--fixture fake_cell` decides"),
+    ] {
+        let files = Files::demo().edit(BENCH, value, other);
+        doctor(&files, fixture, "report").expect_code(4);
+        let found = ended(&json(&files.path("report/doctor.json")), "fail");
+        assert!(found.len() == 1 && found[0].0 == id && found[0].1.contains(key) && found[0].1.contains(decides), "{found:?}");
+    }
+}
+
+#[test]
 fn a_command_that_goes_to_the_wrong_channel_of_the_generator_is_told_from_a_weak_drive() {
     let files = Files::demo().edit(BENCH, "generator_channel = 1", "generator_channel = 2");
     doctor(&files, "fake_cell", "report").expect_code(4);

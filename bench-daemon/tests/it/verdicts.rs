@@ -47,7 +47,7 @@ fn a_bench_that_measures_its_controls_wrong_never_touches_the_cell() {
         let ended = files.run("run");
         ended.expect_code(4);
         let message = ended.message();
-        let rest = message.strip_prefix(&format!("fixture check failed: {control} measures WRONG: magnitude off by "));
+        let rest = message.strip_prefix(&format!("fixture check failed: {control} FAILS: magnitude off by "));
         let (found, rest) = rest.and_then(|rest| rest.split_once(" % at ")).unwrap_or_else(|| panic!("{message}"));
         assert!(percent.contains(&found.parse::<f64>().unwrap()), "{percent:?}: {message}");
         assert!(rest.contains(&format!("OUTSIDE the tolerance of {tolerance}")), "{message}");
@@ -70,7 +70,7 @@ fn a_short_that_reads_too_much_ends_the_run() {
     ended.expect_code(4);
     // 0.57 % between the gains of C3 and C4 on 39 mΩ of common potential.
     let message = ended.message();
-    let rest = message.strip_prefix("fixture check failed: short as read: short of 20 µΩ measures WRONG: off by ");
+    let rest = message.strip_prefix("fixture check failed: short as read: short of 20 µΩ FAILS: off by ");
     let (found, rest) = rest.and_then(|rest| rest.split_once(" µΩ at ")).unwrap_or_else(|| panic!("{message}"));
     assert!((120.0..400.0).contains(&found.parse::<f64>().unwrap()) && rest.contains("OUTSIDE the tolerance of 100 µΩ"), "{message}");
     assert_cell_left_alone(&files.path("run"), &ports);

@@ -17,6 +17,8 @@ const MOST_STALE: usize = 4;
 /// Bit of the status byte: an answer is waiting (IEEE 488.2, clause 11.2.1.2).
 const MESSAGE_AVAILABLE: u8 = 0x10;
 const IDENTITY: &str = "*IDN?";
+/// Where the identity was asked in vain and there is no error queue: a question that is answered by `1`.
+const COMPLETION: &str = "*OPC?";
 
 impl Link {
     /// Puts a connection on which an exchange failed, or one in its place, back into use.
@@ -62,10 +64,8 @@ impl Link {
     /// Asks for something that cannot be taken for the answer to the question that failed, and waits until it comes.
     async fn ask_something_else(&mut self, connection: &mut Connection) -> Result<(), LinkError> {
         let profile = self.options.profile;
-        let question = match profile.error_query {
-            Some(error_query) if self.asked.to_ascii_uppercase().contains(IDENTITY) => error_query,
-            _ => IDENTITY,
-        };
+        let in_vain = self.asked.to_ascii_uppercase().contains(IDENTITY);
+        let question = if in_vain { profile.error_query.unwrap_or(COMPLETION) } else { IDENTITY };
         self.hand_over(connection, question).await?;
         let clock: Clock = self.clock().clone();
         let mut found = String::new();
@@ -74,7 +74,11 @@ impl Link {
             let read = clock.deadline(profile.first_timeout, connection.read_whole(profile.first_timeout)).await.map_err(timed_out)?;
             let message = read.map_err(|broken| self.error(broken, question))?;
             let text = text_of(&message).trim().to_owned();
-            let fits = if question == IDENTITY { self.is_identity(&text) } else { status::parse_error(&text).is_ok() };
+            let fits = match question {
+                IDENTITY => self.is_identity(&text),
+                COMPLETION => text == "1",
+                _ => status::parse_error(&text).is_ok(),
+            };
             let direction = if fits { Direction::Received } else { Direction::Unsolicited };
             self.record(direction, Payload::Text(excerpt(&message)));
             if fits {

@@ -88,6 +88,11 @@ impl<P: Copy> Acquisition<P> {
         }
     }
 
+    /// Whether a message is the question for the end of what still goes on.
+    pub(super) fn keeps_waiting(&self, message: &[u8]) -> bool {
+        self.running && message.trim_ascii().eq_ignore_ascii_case(b"*OPC?")
+    }
+
     /// As after power-on, but numbers go on: no two frames of one run share the noise.
     pub(super) fn reset(&mut self, now_s: f64) {
         *self = Self { count: self.count, reported: self.count, ..Self::power_on(self.stop_delay_s) };

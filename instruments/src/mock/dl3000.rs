@@ -72,13 +72,21 @@ pub(super) struct Dl3000 {
     serial_number: String,
     settings: Settings,
     measured_end: bool,
+    /// The function is answered by another word than sets it.
+    function_word: bool,
 }
 
 impl Dl3000 {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let (status, serial_number) = (Status::new(QUEUE_DEPTH).quirky(&options.quirks), options.serial_number.clone());
-        let measured_end = options.quirks.is("measured_end");
-        let load = Self { world: World::new(plant, options.since_s), status, serial_number, settings: Settings::default(), measured_end };
+        let load = Self {
+            world: World::new(plant, options.since_s),
+            status,
+            serial_number,
+            settings: Settings::default(),
+            measured_end: options.quirks.is("measured_end"),
+            function_word: options.quirks.is("function_word"),
+        };
         load.act();
         load
     }
@@ -121,6 +129,11 @@ impl Dl3000 {
         self.settings.amps = self.settings.amps.min(self.settings.current_range);
         self.act();
         Ok(())
+    }
+
+    fn function(&self) -> &'static str {
+        let (word, answer) = FUNCTIONS[self.settings.function];
+        if self.function_word { answer } else { word.trim_end_matches(char::is_lowercase) }
     }
 
     fn set_function(&mut self, arguments: &mut Arguments) -> Fallible {
@@ -209,7 +222,7 @@ const VOLTAGE: Node<'static, Dl3000> =
 const RESISTANCE: Node<'static, Dl3000> = Branch! {b"RESistance"; level!(number!("OHM", 15_000.0, ohms))};
 const POWER: Node<'static, Dl3000> = Branch! {b"POWer"; level!(number!("W", 200.0, watts))};
 const FUNCTION: Node<'static, Dl3000> = Branch! {
-    b"FUNCtion" => &both(Dl3000::set_function, |load, _| text(FUNCTIONS[load.settings.function].1));
+    b"FUNCtion" => &both(Dl3000::set_function, |load, _| text(load.function()));
     Leaf! {b"MODE" => &both(Dl3000::set_mode, |load, _| text(MODES[load.settings.mode].trim_end_matches(char::is_lowercase)))}
 };
 const INPUT: Node<'static, Dl3000> = Branch! {

@@ -6,21 +6,17 @@
 //! offset that leaves the range is adjusted to it with −221; the phase starts anew when the frequency, the sample rate, the phase, the function or the output
 //! changes; a wave is held from point to point whatever its filter, and ±32767 of the converter is ± half the amplitude. Waves are taken as text, not as blocks.
 
+mod tree;
 mod waves;
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use scpi::{
-    Branch, Leaf, Root,
-    error::{Error, ErrorCode},
-    tree::Node,
-};
+use scpi::error::{Error, ErrorCode};
 
 use super::{
     Device, MockOptions,
-    number::nr3,
     plant::{Action, GeneratorState, SharedPlant},
-    tree::{Answer, Argument, Arguments, Fallible, HasStatus, Span, Status, both, common, exchange, fail, get, set, text, to_number},
+    tree::{Answer, Argument, Arguments, Fallible, HasStatus, Span, Status, exchange, fail, to_number},
     world::World,
 };
 use crate::scpi::decode::Terminator;
@@ -137,7 +133,7 @@ pub(super) struct Keysight {
 
 impl Keysight {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
-        let (status, serial_number) = (Status::new(QUEUE_DEPTH), options.serial_number.clone());
+        let (status, serial_number) = (Status::new(QUEUE_DEPTH).quirky(&options.quirks), options.serial_number.clone());
         let generator = Self {
             world: World::new(plant, options.since_s),
             status,
@@ -192,9 +188,7 @@ impl Keysight {
     fn set_frequency(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let (min, max) = FREQ_RANGE_HZ;
         let freq_hz = arguments.number_in("HZ", Span { min, max, default: 1000.0 })?;
-        if !(min..=max).contains(&freq_hz) {
-            return fail(ErrorCode::DataOutOfRange);
-        }
+        let freq_hz = self.status.bounded(freq_hz, FREQ_RANGE_HZ)?;
         self.change(index, |channel| channel.freq_hz = (freq_hz * 1e6).round() / 1e6);
         Ok(())
     }
@@ -210,7 +204,7 @@ impl Keysight {
             *unit(channel) = (open * 1e4).round() / 1e4;
             adjusted = channel.settle(amplitude);
         });
-        if adjusted { fail(ErrorCode::SettingsConflict) } else { Ok(()) }
+        if adjusted && !self.status.clamps() { fail(ErrorCode::SettingsConflict) } else { Ok(()) }
     }
 
     fn set_amplitude(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
@@ -225,9 +219,7 @@ impl Keysight {
 
     fn set_phase(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let degrees = arguments.number("DEG")?;
-        if !(-360.0..=360.0).contains(&degrees) {
-            return fail(ErrorCode::DataOutOfRange);
-        }
+        let degrees = self.status.bounded(degrees, (-360.0, 360.0))?;
         self.change(index, |channel| channel.phase_deg = degrees);
         Ok(())
     }
@@ -260,9 +252,7 @@ impl Keysight {
             Some(other) => to_number(&other, "OHM")?,
             None => return fail(ErrorCode::MissingParameter),
         };
-        if !(ohms == f64::INFINITY || (1.0..=10e3).contains(&ohms)) {
-            return fail(ErrorCode::DataOutOfRange);
-        }
+        let ohms = if ohms == f64::INFINITY { ohms } else { self.status.bounded(ohms, (1.0, 10e3))? };
         self.change(index, |channel| channel.load_ohm = ohms);
         Ok(())
     }
@@ -283,7 +273,7 @@ impl Keysight {
 
     fn at_load(&self, index: usize, open: fn(&Channel) -> f64) -> Fallible<Answer> {
         let channel = &self.channels[index];
-        number(open(channel) * channel.divider())
+        tree::number(open(channel) * channel.divider())
     }
 
     fn reset(&mut self, _: &mut Arguments) -> Fallible {
@@ -295,125 +285,6 @@ impl Keysight {
         Ok(())
     }
 }
-
-/// A sign, sixteen digits and an exponent: `+1.000000000000000E+03`.
-fn number(value: f64) -> Fallible<Answer> {
-    let digits = nr3(value, 16);
-    text(if digits.starts_with('-') { digits } else { format!("+{digits}") })
-}
-
-/// Only `VPP` is simulated.
-fn only_vpp(_: &mut Keysight, arguments: &mut Arguments) -> Fallible {
-    arguments.word(&["VPP"]).map(|_| ())
-}
-
-/// Burst, sweep and modulation can be switched off.
-fn only_off(_: &mut Keysight, arguments: &mut Arguments) -> Fallible {
-    if arguments.switch()? { fail(ErrorCode::SettingsConflict) } else { Ok(()) }
-}
-
-macro_rules! modifier {
-    ($name:literal) => {
-        Branch! {$name; Leaf! {b"STATe" => &both(only_off, |_, _| text("0"))}}
-    };
-}
-
-macro_rules! source {
-    ($name:literal, $index:literal) => {
-        Branch! {$name;
-            Branch! {b"FUNCtion" => &both(
-                |device: &mut Keysight, arguments| device.set_function($index, arguments),
-                |device, _| text(match &device.channels[$index] {
-                    Channel { constant: true, .. } => "DC",
-                    Channel { arbitrary: true, .. } => "ARB",
-                    _ => "SIN",
-                }),
-            );
-                Branch! {b"ARBitrary" => &both(
-                    |device: &mut Keysight, arguments| device.choose_wave($index, arguments),
-                    |device, _| text(format!("\"{}\"", device.chosen[$index].as_deref().unwrap_or("EXP_RISE"))),
-                );
-                    Leaf! {b"SRATe" => &both(
-                        |device: &mut Keysight, arguments| device.set_rate($index, arguments),
-                        |device, _| number(device.channels[$index].rate_hz),
-                    )},
-                    Leaf! {b"FILTer" => &both(
-                        |device: &mut Keysight, arguments| device.set_filter($index, arguments),
-                        |device, _| text(device.channels[$index].filter.trim_end_matches(char::is_lowercase)),
-                    )}
-                }
-            },
-            Branch! {b"DATA"; Branch! {b"VOLatile";
-                Leaf! {b"CLEar" => &set(|device: &mut Keysight, arguments| device.clear_waves($index, arguments))}
-            }},
-            Leaf! {b"FREQuency" => &both(
-                |device: &mut Keysight, arguments| device.set_frequency($index, arguments),
-                |device, _| number(device.channels[$index].freq_hz),
-            )},
-            Branch! {b"VOLTage" => &both(
-                |device: &mut Keysight, arguments| device.set_amplitude($index, arguments),
-                |device, _| device.at_load($index, |channel| channel.amplitude_vpp),
-            );
-                Leaf! {b"UNIT" => &both(only_vpp, |_, _| text("VPP"))},
-                Leaf! {b"OFFSet" => &both(
-                    |device: &mut Keysight, arguments| device.set_offset($index, arguments),
-                    |device, _| device.at_load($index, |channel| channel.offset_v),
-                )},
-                Leaf! {b"HIGH" => &get(|device: &mut Keysight, _| device.at_load($index, |channel| channel.offset_v + channel.amplitude_vpp / 2.0))},
-                Leaf! {b"LOW" => &get(|device: &mut Keysight, _| device.at_load($index, |channel| channel.offset_v - channel.amplitude_vpp / 2.0))}
-            },
-            Branch! {b"PHASe" => &both(
-                |device: &mut Keysight, arguments| device.set_phase($index, arguments),
-                |device, _| number(device.channels[$index].phase_deg),
-            ); Leaf! {b"SYNChronize" => &set(Keysight::align_phases)}},
-            Branch! {b"APPLy"; Leaf! {b"SINusoid" => &set(|device: &mut Keysight, arguments| device.apply($index, arguments))}},
-            modifier! {b"BURSt"},
-            modifier! {b"SWEep"},
-            modifier! {b"AM"},
-            modifier! {b"FM"}
-        }
-    };
-}
-
-macro_rules! output {
-    ($name:literal, $index:literal) => {
-        Branch! {$name => &both(
-            |device: &mut Keysight, arguments| device.set_output($index, arguments),
-            |device, _| text(if device.channels[$index].output_on { "1" } else { "0" }),
-        );
-            Leaf! {b"LOAD" => &both(
-                |device: &mut Keysight, arguments| device.set_load($index, arguments),
-                |device, _| match device.channels[$index].load_ohm {
-                    // Infinity as the standard writes it.
-                    f64::INFINITY => text("+9.900000000000000E+37"),
-                    ohms => number(ohms),
-                },
-            )},
-            Leaf! {b"POLarity" => &both(
-                |device: &mut Keysight, arguments| device.set_polarity($index, arguments),
-                |device, _| text(if device.channels[$index].inverted { "INV" } else { "NORM" }),
-            )}
-        }
-    };
-}
-
-const TREE: Node<'static, Keysight> = Root! {
-    Leaf! {b"*IDN" => &get(|device: &mut Keysight, _| text(format!("Agilent Technologies,33522B,{},5.00-1.19-2.00-58-00", device.serial_number)))},
-    Leaf! {b"*RST" => &set(Keysight::reset)},
-    Leaf! {b"*CLS" => &set(common::cls)},
-    Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
-    Leaf! {b"*ESR" => &get(common::esr_query)},
-    Leaf! {b"*ESE" => &both(common::ese, common::ese_query)},
-    Leaf! {b"*SRE" => &both(common::sre, common::sre_query)},
-    Leaf! {b"*STB" => &get(common::stb_query)},
-    source! {b"SOURce", 0},
-    source! {b"SOURce1", 0},
-    source! {b"SOURce2", 1},
-    output! {b"OUTPut", 0},
-    output! {b"OUTPut1", 0},
-    output! {b"OUTPut2", 1},
-    Branch! {b"SYSTem"; Branch! {b"ERRor" => &get(common::signed_error_query); Leaf! {b"NEXT" => &get(common::signed_error_query)}}}
-};
 
 impl HasStatus for Keysight {
     fn status(&mut self) -> &mut Status {
@@ -437,6 +308,6 @@ impl Device for Keysight {
         if self.load_wave(message) {
             return Vec::new();
         }
-        exchange(&TREE, self, message)
+        exchange(&tree::TREE, self, message)
     }
 }

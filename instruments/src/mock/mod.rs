@@ -158,7 +158,7 @@ pub const MODELS: &[Model] = &[
         role: "generator",
         description: "Siglent SDG1032X: sine and offset on channel 1",
         panel_off: Some("C1:OUTP OFF"),
-        own_quirks: &[],
+        own_quirks: &[quirks::SDG, quirks::CLAMPS],
         make: |plant, options| Box::new(sdg::Sdg::new(plant, options)),
     },
     Model {
@@ -182,7 +182,7 @@ pub const MODELS: &[Model] = &[
         role: "load",
         description: "Siglent SDL1020X-E: constant current to 30 A",
         panel_off: Some(":INP OFF"),
-        own_quirks: &[],
+        own_quirks: &[quirks::SDL, quirks::CLAMPS],
         make: |plant, options| Box::new(sdl::Sdl::new(plant, options)),
     },
     Model {
@@ -198,7 +198,7 @@ pub const MODELS: &[Model] = &[
         role: "generator",
         description: "Keysight 33522B: sine and offset on channel 1",
         panel_off: Some("OUTP1 OFF"),
-        own_quirks: &[],
+        own_quirks: &[quirks::QUEUE, quirks::REFUSES],
         make: |plant, options| Box::new(generator_33500b::Keysight::new(plant, options)),
     },
     Model {

@@ -77,10 +77,19 @@ pub(super) const REFUSES: &[Quirk] = &[quirk("clamps", "what is out of range is 
 /// Of models that limit what is out of range.
 pub(super) const CLAMPS: &[Quirk] = &[quirk("clamps", "what is out of range is limited without a word", Kind::Switch(true))];
 
+/// Of models whose function is answered otherwise than it is set.
+const FUNCTION: Quirk = quirk("function_word", "the function is answered by another word than sets it", Kind::Switch(true));
 pub(super) const KEPCO_MG: &[Quirk] =
-    &[quirk("off_active", "its output, when off, is held at zero volts until it is told otherwise", Kind::Switch(false))];
+    &[quirk("off_active", "its output, when off, is held at zero volts until it is told otherwise", Kind::Switch(false)), FUNCTION];
 pub(super) const KEPCO_LINEAR: &[Quirk] =
-    &[quirk("analog_wired", "the analog input is wired up and commands the output whenever that is on", Kind::Switch(true))];
+    &[quirk("analog_wired", "the analog input is wired up and commands the output whenever that is on", Kind::Switch(true)), FUNCTION];
+pub(super) const SDG: &[Quirk] = &[
+    quirk("header", "answers begin with the header of the question", Kind::Switch(true)),
+    quirk("units", "numbers in answers have their units behind them", Kind::Switch(true)),
+    quirk("errors", "what `SYST:ERR?` gets where nothing is queued", Kind::Word(&["text", "signed", "silence"])),
+];
+pub(super) const SDL: &[Quirk] =
+    &[FUNCTION, quirk("unknown", "what an unknown question gets: nothing, or `**ERROR**`", Kind::Word(&["silence", "stars"]))];
 pub(super) const FAST_PS: &[Quirk] = &[
     quirk("local", "it takes no command: NAK 15", Kind::Switch(false)),
     quirk("fault", "a fault is latched: NAK 08 to MON", Kind::Switch(false)),
@@ -91,6 +100,7 @@ pub(super) const FAST_PS: &[Quirk] = &[
 const PAGE: Quirk = quirk("page_points", "points in one page of a waveform", Kind::Number(10_000_000.0, (1.0, 10_000_000.0)));
 const STICKY: Quirk = quirk("sticky_transfer", "how waveforms are sent stays from one client to the next", Kind::Switch(true));
 const STOP: Quirk = quirk("stop_delay", "it goes on for so long after it was told to stop, s", Kind::Number(0.0, (0.0, 60.0)));
+const BUSY: Quirk = quirk("busy_opc", "`*OPC?` is not answered while it acquires; else it says nothing of that", Kind::Switch(false));
 const UNIT: Quirk = quirk("unit_after_probe", "another probe factor makes amperes of the volts", Kind::Switch(false));
 pub(super) const SDS: &[Quirk] = &[
     PAGE,
@@ -98,10 +108,12 @@ pub(super) const SDS: &[Quirk] = &[
     quirk("zeroed_descriptor", "a descriptor of zeros before the first frame; else it does not answer", Kind::Switch(true)),
     STICKY,
     STOP,
+    BUSY,
     UNIT,
 ];
-pub(super) const DHO: &[Quirk] = &[PAGE, STICKY, STOP, quirk("flash", "the status shows `TD` only for a moment", Kind::Switch(true))];
-pub(super) const DL3000: &[Quirk] = &[quirk("measured_end", "two line ends behind a measurement", Kind::Switch(true))];
+pub(super) const DHO: &[Quirk] =
+    &[PAGE, STICKY, STOP, BUSY, UNIT, quirk("flash", "the status shows `TD` only for a moment", Kind::Switch(true))];
+pub(super) const DL3000: &[Quirk] = &[quirk("measured_end", "two line ends behind a measurement", Kind::Switch(true)), FUNCTION];
 pub(super) const JULABO: &[Quirk] = &[
     quirk("local", "left in manual mode at its panel: it obeys no command", Kind::Switch(false)),
     quirk("strict_pacing", "a command that comes too soon after a write is lost", Kind::Switch(false)),

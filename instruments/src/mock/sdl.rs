@@ -5,11 +5,16 @@
 //! list and program modes are absent. Assumed: out-of-range values are clamped; over-current protection acts when its delay has passed and the load
 //! is next spoken to.
 
-use scpi::{Branch, Leaf, Root, error::Error, tree::Node};
+use scpi::{
+    Branch, Leaf, Root,
+    error::{Error, ErrorCode},
+    tree::Node,
+};
 
 use super::{
     Device, MockOptions,
     plant::{Action, LoadState, Meter, SharedPlant},
+    quirks::Quirks,
     tree::{Answer, Arguments, Fallible, Span, bit, both, common, exchange, fail, get, set, text},
     world::World,
 };
@@ -26,6 +31,9 @@ const UNITS: [&str; 4] = ["A", "V", "W", "OHM"];
 pub(super) struct Sdl {
     world: World,
     serial_number: String,
+    quirks: Quirks,
+    /// Something of the message in work is unknown.
+    lost: bool,
     settings: Settings,
 }
 
@@ -71,8 +79,13 @@ impl Default for Settings {
 
 impl Sdl {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
-        let sdl =
-            Self { world: World::new(plant, options.since_s), serial_number: options.serial_number.clone(), settings: Settings::default() };
+        let sdl = Self {
+            world: World::new(plant, options.since_s),
+            serial_number: options.serial_number.clone(),
+            quirks: options.quirks.clone(),
+            lost: false,
+            settings: Settings::default(),
+        };
         sdl.act();
         sdl
     }
@@ -96,10 +109,8 @@ impl Sdl {
     fn set_level(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let span = self.span(index);
         let value = arguments.number_in(UNITS[index], span)?;
-        if value.is_finite() {
-            self.settings.levels[index] = value.clamp(span.min, span.max);
-            self.act();
-        }
+        self.settings.levels[index] = self.bounded(value, (span.min, span.max))?;
+        self.act();
         Ok(())
     }
 
@@ -147,10 +158,8 @@ impl Sdl {
 
     fn set_start_volts(&mut self, arguments: &mut Arguments) -> Fallible {
         let volts = arguments.number_in("V", Span { min: 0.0, max: MAX_VOLTS, default: 0.0 })?;
-        if volts.is_finite() {
-            self.settings.start_volts = volts.clamp(0.0, MAX_VOLTS);
-            self.act();
-        }
+        self.settings.start_volts = self.bounded(volts, (0.0, MAX_VOLTS))?;
+        self.act();
         Ok(())
     }
 
@@ -161,10 +170,29 @@ impl Sdl {
         Ok(())
     }
 
-    /// A plain setting between zero and `max`, clamped.
-    fn clamped(arguments: &mut Arguments, unit: &str, max: f64) -> Fallible<f64> {
+    /// A plain setting between zero and `max`.
+    fn clamped(&self, arguments: &mut Arguments, unit: &str, max: f64) -> Fallible<f64> {
         let value = arguments.number_in(unit, Span { min: 0.0, max, default: max })?;
-        if value.is_finite() { Ok(value.clamp(0.0, max)) } else { fail(scpi::error::ErrorCode::DataOutOfRange) }
+        self.bounded(value, (0.0, max))
+    }
+
+    /// What is out of range is clamped, or leaves the setting as it was; so does what is no number.
+    fn bounded(&self, value: f64, (min, max): (f64, f64)) -> Fallible<f64> {
+        match value {
+            value if (min..=max).contains(&value) => Ok(value),
+            value if value.is_finite() && self.quirks.is("clamps") => Ok(value.clamp(min, max)),
+            _ => fail(ErrorCode::DataOutOfRange),
+        }
+    }
+
+    /// Long and in capitals, or short as it is set.
+    fn function(&self) -> String {
+        let function = self.settings.function;
+        if self.quirks.is("function_word") {
+            function.to_ascii_uppercase()
+        } else {
+            function.trim_end_matches(char::is_lowercase).to_owned()
+        }
     }
 
     /// Switches off after an over-current that has lasted longer than the protection's delay.
@@ -239,7 +267,7 @@ macro_rules! clamped {
     ($field:ident, $unit:literal, $max:expr) => {
         &both(
             |sdl: &mut Sdl, arguments| {
-                sdl.settings.$field = Sdl::clamped(arguments, $unit, $max)?;
+                sdl.settings.$field = sdl.clamped(arguments, $unit, $max)?;
                 Ok(())
             },
             |sdl, _| text(fixed(sdl.settings.$field)),
@@ -265,7 +293,7 @@ const VOLTAGE: Node<'static, Sdl> = function! {b"VOLTage", 1,
 const POWER: Node<'static, Sdl> = function! {b"POWer", 2};
 const RESISTANCE: Node<'static, Sdl> = function! {b"RESistance", 3};
 const FUNCTION: Node<'static, Sdl> = Branch! {
-    b"FUNCtion" => &both(Sdl::set_function, |sdl, _| text(sdl.settings.function.to_ascii_uppercase()));
+    b"FUNCtion" => &both(Sdl::set_function, |sdl, _| text(sdl.function()));
     Leaf! {b"MODE" => &get(|_: &mut Sdl, _| text("BASIC"))}
 };
 const INPUT: Node<'static, Sdl> = Branch! {
@@ -300,7 +328,9 @@ const TREE: Node<'static, Sdl> = Root! {
 };
 
 impl scpi::Device for Sdl {
-    fn handle_error(&mut self, _: Error) {}
+    fn handle_error(&mut self, error: Error) {
+        self.lost |= error == ErrorCode::UndefinedHeader;
+    }
 }
 
 impl Device for Sdl {
@@ -311,6 +341,9 @@ impl Device for Sdl {
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
         self.world.now_s = now_s;
         self.protect();
-        exchange(&TREE, self, message)
+        self.lost = false;
+        let reply = exchange(&TREE, self, message);
+        let stars = self.lost && message.contains(&b'?') && self.quirks.word("unknown") == "stars";
+        if stars { b"**ERROR**\n".to_vec() } else { reply }
     }
 }

@@ -3,11 +3,14 @@
 //! Nothing of an earlier session is trusted: transfer start, stride, width and format survive disconnects on these instruments, so every download
 //! sets them again, and takes its scaling from the same acquisition.
 
+mod download;
 mod rigol_dho;
 mod siglent_sds;
 
+pub use download::Chosen;
+
 use crate::{
-    exchange::{Exchange, leading_number, play},
+    exchange::{Exchange, play},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Seconds, Volts},
@@ -255,99 +258,6 @@ impl Instrument<dyn Dialect> {
             self.link.clock().clone().sleep_s(POLL_S).await;
         }
         Err(LinkError::unexpected(self.link.name(), queries.status, &answer, "the stopped state within 5 s"))
-    }
-
-    /// Downloads one channel of the stopped frame, at most about `points` of its points, evenly spread.
-    ///
-    /// # Errors
-    /// The link's; a descriptor that cannot be read (zeroed where no frame was ever completed); a page that is empty.
-    pub async fn download(&mut self, channel: u8, points: u64) -> Result<Waveform, LinkError> {
-        let queries = self.dialect.queries();
-        let answer = self.link.query(queries.points).await?;
-        let in_memory = leading_number(&answer)
-            .filter(|count| *count >= 1.0)
-            .ok_or_else(|| LinkError::unexpected(self.link.name(), queries.points, &answer, "a number of points"))?;
-        let stride = ((in_memory / points.max(1) as f64).round() as u64).max(1);
-        if self.dialect.capabilities().thins_out {
-            let waveform = self.transfer(channel, (stride, in_memory as u64)).await?;
-            if waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride) {
-                return Ok(waveform);
-            }
-        }
-        // Whether the start of a second page counts points of the record or those left by the stride is written nowhere: what the scope thins out
-        // must fit one page, the rest is thinned out here. How long a page is shows when it comes; some are shorter than announced.
-        let mut whole = self.transfer(channel, (1, in_memory as u64)).await?;
-        whole.codes = whole.codes.into_iter().step_by(usize::try_from(stride).unwrap_or(usize::MAX)).collect();
-        whole.interval_s *= stride as f64;
-        Ok(whole)
-    }
-
-    /// Downloads another channel of the frame of which `before` was downloaded just now with as many points: what both have in common is not sent again.
-    ///
-    /// # Errors
-    /// As [`Self::download`].
-    pub async fn download_beside(&mut self, channel: u8, points: u64, before: &Waveform) -> Result<Waveform, LinkError> {
-        let in_memory = before.preamble.points;
-        let stride = ((in_memory as f64 / points.max(1) as f64).round() as u64).max(1);
-        let whole = before.codes.len() as u64 >= in_memory.div_ceil(stride);
-        if !(self.dialect.capabilities().thins_out && whole) {
-            return self.download(channel, points).await;
-        }
-        let script = self.dialect.beside(channel, stride);
-        self.chosen(channel, (stride, in_memory), &script).await
-    }
-
-    /// Downloads one channel with a stride; with a stride above 1, one page of it.
-    async fn transfer(&mut self, channel: u8, (stride, in_memory): (u64, u64)) -> Result<Waveform, LinkError> {
-        let script = self.dialect.script(&Intent::Transfer { channel, stride });
-        self.chosen(channel, (stride, in_memory), &script).await
-    }
-
-    async fn chosen(&mut self, channel: u8, (stride, in_memory): (u64, u64), script: &[Exchange]) -> Result<Waveform, LinkError> {
-        play(&mut self.link, script).await?;
-        let preamble = self.preamble(in_memory).await?;
-        let total = preamble.points.div_ceil(stride);
-        if !self.dialect.capabilities().thins_out {
-            self.set(&Intent::Page { start: 0, total }).await?;
-        }
-        let mut codes = self.page(0, total).await?;
-        while stride == 1 && (codes.len() as u64) < total {
-            let start = codes.len() as u64;
-            self.set(&Intent::Page { start, total }).await?;
-            codes.extend(self.page(start, total).await?);
-        }
-        codes.truncate(usize::try_from(total).unwrap_or(usize::MAX));
-        Ok(Waveform { channel, codes, preamble, interval_s: preamble.interval_s * stride as f64 })
-    }
-
-    /// The descriptor of the chosen channel; where it does not tell the points, the record has those of the memory.
-    async fn preamble(&mut self, in_memory: u64) -> Result<Preamble, LinkError> {
-        let query = self.dialect.queries().preamble;
-        let (bytes, met) = if self.dialect.preamble_is_text() {
-            let text = self.link.query(query).await?;
-            (text.clone().into_bytes(), text)
-        } else {
-            let block = self.link.query_block(query).await?;
-            let met = format!("{} bytes", block.len());
-            (block, met)
-        };
-        let preamble = self.dialect.preamble(&bytes).map_err(|expected| LinkError::unexpected(self.link.name(), query, &met, &expected))?;
-        if preamble.points > 0 {
-            return Ok(preamble);
-        }
-        let delay_s = preamble.delay_s + 0.5 * in_memory as f64 * preamble.interval_s;
-        Ok(Preamble { points: in_memory, delay_s, ..preamble })
-    }
-
-    async fn page(&mut self, start: u64, total: u64) -> Result<Vec<i16>, LinkError> {
-        let query = self.dialect.queries().data;
-        let block = self.link.query_block(query).await?;
-        let unexpected = |expected: &str| {
-            let met = format!("a page of {} bytes after {start} of {total} points", block.len());
-            LinkError::unexpected(self.link.name(), query, &met, expected)
-        };
-        let codes = self.dialect.codes(&block).map_err(|expected| unexpected(&expected))?;
-        if codes.is_empty() { Err(unexpected("samples")) } else { Ok(codes) }
     }
 }
 

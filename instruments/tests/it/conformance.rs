@@ -1,10 +1,17 @@
 //! What every transport must do, our client against our server, over real sockets, terminals and files: the same list for all.
 
-use std::time::Duration;
+use std::{
+    sync::{Arc, Mutex},
+    time::Duration,
+};
 
 use instruments::{
     clock::{Clock, TimeMode},
+    generator,
+    instrument::{Instrument, Model},
     link::{Grammar, LinkError, LinkProfile},
+    mock::{self, MockOptions},
+    supply4q,
     transcript::Tap,
     transport::{Address, MemoryHub, connect},
 };
@@ -12,7 +19,9 @@ use tokio::{io::AsyncWriteExt, net::TcpListener};
 
 use crate::{
     device::{self, SharedText},
-    transports::{Bench, IDENTITY, Kind, kinds, over, patient, payload, socket_file, text},
+    drivers_common::dialect,
+    mocks_plant::Recorder,
+    transports::{Bench, IDENTITY, Kind, kinds, over, patient, payload, serve, socket_file, text},
 };
 
 #[test]
@@ -148,6 +157,29 @@ fn what_a_client_left_behind_is_not_the_answer_to_the_first_question_of_the_next
         drop(channel);
         let mut link = bench.patient().await;
         assert_eq!(link.query("FAST?").await.unwrap(), "fast", "{:?}", bench.kind);
+    });
+}
+
+/// USBTMC has no status byte here: a strange identity shows that an answer was left, with an error queue to be asked and without.
+#[test]
+fn over_usbtmc_the_identity_brings_the_link_into_step_with_what_a_client_left_behind() {
+    Clock::runtime(TimeMode::Real).unwrap().block_on(async {
+        for (model, left, identity) in [("kepco-bop-mg", "CURR?", "KEPCO"), ("siglent-sdg1000x", "C1:OUTP?", "Siglent Technologies")] {
+            let (clock, hub) = (Clock::start(TimeMode::Real), MemoryHub::new());
+            let device = mock::make(model, Arc::new(Mutex::new(Recorder::default())), &MockOptions::quirk("first_answer", 1.0)).unwrap();
+            let address = serve(Kind::UsbTmc, device, &clock, &hub).await;
+            let mut earlier = connect(&address, &hub).await.unwrap();
+            earlier.send(format!("{left}\n").as_bytes()).await.unwrap();
+            drop(earlier);
+            let models: [&'static dyn Model; 2] = [dialect!(supply4q, "kepco-bop-mg"), dialect!(generator, "siglent-sdg1000x")];
+            let dialect = models.into_iter().find(|dialect| dialect.key() == model).unwrap();
+            let profile = LinkProfile { first_timeout: patient().first_timeout, timeout: patient().timeout, ..dialect.profile() };
+            let link = device::open(&address.to_string(), profile, &clock, &hub, Tap::none()).await.unwrap();
+            let mut instrument = Instrument::new(link, dialect);
+            assert_eq!(instrument.identify().await.unwrap().maker, identity);
+            let answer = instrument.link_mut().query(left).await.unwrap();
+            assert!(!answer.contains(identity), "{model}: {answer}");
+        }
     });
 }
 

@@ -103,6 +103,47 @@ fn the_volts_of_every_channel_come_back_at_any_stride_and_page_size() {
     }
 }
 
+/// Settings of the transfer that are sent while the scope acquires are not sent again; a frame of another length than was thought is fetched from the beginning.
+#[test]
+fn what_was_chosen_before_the_stop_is_fetched_with_two_questions() {
+    for (page_points, wanted, from_the_beginning) in [(10_000_000, 2_000, false), (10_000_000, 100_000, false), (700, 2_000, true)] {
+        in_virtual_time(async |clock| {
+            let rig = Rig::with(clock, MODEL, &pages_of(page_points), &[]);
+            let mut scope = driver(&rig).await;
+            arm(&mut scope).await;
+            let chosen = scope.choose(4, wanted).await.unwrap().unwrap();
+            rig.clock.sleep_s(2.03).await;
+            scope.stop().await.unwrap();
+            let before = rig.sent().len();
+            let waveform = scope.download_chosen(chosen, wanted).await.unwrap();
+            assert_true(&waveform, 4, usize::try_from(wanted).unwrap());
+            let sent = rig.sent();
+            let again = sent[before..].iter().any(|message| message.starts_with(":WAVeform:SOURce "));
+            assert_eq!(again, from_the_beginning, "{:?}", &sent[before..]);
+            if !again {
+                assert_eq!(sent[before..], [":WAVeform:PREamble?", ":WAVeform:DATA?"]);
+            }
+            assert_true(&scope.download_beside(1, wanted, &waveform).await.unwrap(), 1, usize::try_from(wanted).unwrap());
+        });
+    }
+}
+
+#[test]
+fn a_scope_that_takes_transfer_settings_only_when_stopped_is_told_nothing_before() {
+    in_virtual_time(async |clock| {
+        // It does not show that it has taken the stride.
+        let rig = Rig::with(clock, MODEL, &MockOptions::default(), &[(":WAVeform:INTerval?", b"1\n")]);
+        let mut scope = driver(&rig).await;
+        arm(&mut scope).await;
+        assert_eq!(scope.choose(4, 2_000).await.unwrap(), None);
+        let dialect = dialect!(scope, "rigol-dho800");
+        let rig = Rig::new(rig.clock.clone(), "rigol-dho800");
+        let mut scope = Instrument::new(rig.link(dialect.profile()).await, dialect);
+        assert_eq!(scope.choose(4, 2_000).await.unwrap(), None);
+        assert_eq!(rig.sent(), [""; 0]);
+    });
+}
+
 #[test]
 fn the_length_of_a_page_is_what_comes() {
     for wanted in [1_000, 100_000] {

@@ -32,14 +32,14 @@ use crate::{
 };
 
 /// One input of `fuzz` in so many.
-const SCARCITY: u64 = 200;
+pub(crate) const SCARCITY: u64 = 200;
 /// How long either side is listened to.
-const MOMENT: Duration = Duration::from_millis(2);
+pub(crate) const MOMENT: Duration = Duration::from_millis(2);
 
 /// Panics on this test's thread, those in tasks included.
-static PANICS: AtomicUsize = AtomicUsize::new(0);
+pub(crate) static PANICS: AtomicUsize = AtomicUsize::new(0);
 
-fn count_panics() {
+pub(crate) fn count_panics() {
     let thread = std::thread::current().id();
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
@@ -93,6 +93,19 @@ fn client_of(kind: Kind) -> ([Vec<u8>; 2], Vec<Vec<u8>>) {
             let opening = [Message::new(Hi::Initialize, 0, 0x0100_7878).with(*b"hislip0"), Message::new(Hi::AsyncInitialize, 0, 1)];
             (opening.map(|message| message.encode()), messages.iter().map(Message::encode).collect())
         }
+        Kind::Tcp => {
+            let lines: [&[u8]; 8] = [
+                b"*IDN?\n",
+                b"FUNC:MODE CURR;CURR 1.5\r\n",
+                b"CURR?;VOLT?\n",
+                b"LIST:CURR 1,2,3\n",
+                b"OUTP ON;*OPC?\n",
+                b"SYST:ERR?\nSYST:ERR?\n",
+                b"#H1F \"a\" (@1,2:3)\n",
+                b"#15ab\ncd\n",
+            ];
+            ([b"*IDN?\n".to_vec(), Vec::new()], lines.map(<[u8]>::to_vec).into())
+        }
         _ => {
             let lines: [&[u8]; 9] = [
                 b"++read eoi\n",
@@ -114,14 +127,21 @@ fn client_of(kind: Kind) -> ([Vec<u8>; 2], Vec<Vec<u8>>) {
 
 fn port_of(address: &Address) -> String {
     let text = address.to_string();
-    text.trim_start_matches("gpib:tcp:").trim_start_matches("vxi11:").trim_start_matches("hislip:").split('/').next().unwrap().to_owned()
+    text.trim_start_matches("tcp://")
+        .trim_start_matches("gpib:tcp:")
+        .trim_start_matches("vxi11:")
+        .trim_start_matches("hislip:")
+        .split('/')
+        .next()
+        .unwrap()
+        .to_owned()
 }
 
 #[test]
 fn no_client_makes_a_server_panic() {
     count_panics();
     let sessions = from_environment("EIS_BENCH_FUZZ", SHARE) / SCARCITY + 1;
-    for kind in [Kind::Vxi11, Kind::HiSlip, Kind::Gpib] {
+    for kind in [Kind::Tcp, Kind::Vxi11, Kind::HiSlip, Kind::Gpib] {
         let (opening, seeds) = client_of(kind);
         let mut random = Random(from_environment("EIS_BENCH_FUZZ_SEED", 1));
         let mut answered = 0;
@@ -176,6 +196,9 @@ fn server_of(kind: Kind) -> Vec<Vec<u8>> {
             Message::new(Hi::AsyncStatusResponse, 0, 0).encode(),
             Message::new(Hi::DataEnd, 0, FIRST_ID).with(*b"1.25\n").encode(),
         ],
+        Kind::Tcp => {
+            [&b"KEPCO,BOP1KW 50-20 ,E156884, 2.01\n"[..], b"1.25E0\r\n", b"#15ab\ncd\n\n", b"0,\"No error\"\n"].map(<[u8]>::to_vec).into()
+        }
         Kind::Vxi11Mapped => {
             vec![rpc::marked(&Reply { id: 1, verdict: Verdict::Success, results: &Writer::default().words(&[9]).done() }.encode())]
         }
@@ -189,7 +212,7 @@ fn server_of(kind: Kind) -> Vec<Vec<u8>> {
 fn no_server_makes_a_client_panic() {
     let sessions = from_environment("EIS_BENCH_FUZZ", SHARE) / SCARCITY + 1;
     let profile = LinkProfile { grammar: Grammar::Plain, first_timeout: 4 * MOMENT, timeout: 4 * MOMENT, ..device::plain() };
-    for kind in [Kind::Vxi11, Kind::Vxi11Mapped, Kind::HiSlip, Kind::Gpib] {
+    for kind in [Kind::Tcp, Kind::Vxi11, Kind::Vxi11Mapped, Kind::HiSlip, Kind::Gpib] {
         let seeds = server_of(kind);
         let mut random = Random(from_environment("EIS_BENCH_FUZZ_SEED", 1));
         let (mut opened, mut answered) = (0, 0);
@@ -215,6 +238,7 @@ fn no_server_makes_a_client_panic() {
                     let _ = Clock::start(TimeMode::Real).deadline(20 * MOMENT, std::future::pending::<()>()).await;
                 });
                 let address = match kind {
+                    Kind::Tcp => format!("tcp://{port}"),
                     Kind::Vxi11 => format!("vxi11:{port}/inst0"),
                     Kind::Vxi11Mapped => format!("vxi11:127.0.0.1/inst0?portmapper={}", port.port()),
                     Kind::HiSlip => format!("hislip:{port}/hislip0"),

@@ -1,6 +1,5 @@
 //! LeCroy's `.trc`: a descriptor `WAVEDESC` after the template LECROY_2_3, then one channel's codes. V = gain · code − offset.
 
-use std::fs::File;
 use std::path::Path;
 
 use super::raw::{Bytes, Form, Layout, RawFile};
@@ -21,15 +20,8 @@ pub(super) fn begins(bytes: &Bytes) -> Option<usize> {
 
 /// Opens a file whose descriptor begins at a byte.
 pub(super) fn open(path: &Path, bytes: &Bytes, at: usize) -> Result<ScopeRecord, ScopeError> {
-    let wrong = |field, expected: &str, met: String| ScopeError::Layout {
-        file: path.to_owned(),
-        kind: KIND,
-        field,
-        expected: expected.to_owned(),
-        met,
-    };
-    let io = |source| ScopeError::Io { file: path.to_owned(), action: "open it", source };
-    let file = File::open(path).map_err(io)?;
+    let wrong = ScopeError::about(path, KIND);
+    let file = ScopeError::opened(path)?;
     let mut header = Bytes::at(path, &file, at as u64)?;
     let template = header.text(16, 16);
     if template != TEMPLATE {

@@ -113,12 +113,24 @@ pub enum ScopeError {
     },
 }
 
+impl ScopeError {
+    /// Makes the complaints about the header of one file: field, what it should be, what it is.
+    fn about(file: &Path, kind: &'static str) -> impl Fn(&'static str, &str, String) -> Self {
+        move |field, expected, met| Self::Layout { file: file.to_owned(), kind, field, expected: expected.to_owned(), met }
+    }
+
+    /// The open file.
+    fn opened(path: &Path) -> Result<File, Self> {
+        File::open(path).map_err(|source| Self::Io { file: path.to_owned(), action: "open it", source })
+    }
+}
+
 /// Opens a scope's record. `interval_s`: time between two samples, for a table that does not tell it.
 ///
 /// # Errors
 /// [`ScopeError`].
 pub fn open_scope(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, ScopeError> {
-    let file = File::open(path).map_err(|source| ScopeError::Io { file: path.to_owned(), action: "open it", source })?;
+    let file = ScopeError::opened(path)?;
     let bytes = raw::Bytes::new(path, &file)?;
     if let Some(at) = lecroy::begins(&bytes) {
         return lecroy::open(path, &bytes, at);

@@ -1,6 +1,5 @@
 //! Rigol's binary files (`.bin`): a file header, then for each channel a header, a data header and its samples as floats in volts.
 
-use std::fs::File;
 use std::path::Path;
 
 use super::raw::{Bytes, Form, Layout, RawFile};
@@ -12,14 +11,7 @@ const MOST: u32 = 64;
 
 /// Opens a file that begins with `RG`.
 pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError> {
-    let wrong = |field, expected: &str, met: String| ScopeError::Layout {
-        file: path.to_owned(),
-        kind: KIND,
-        field,
-        expected: expected.to_owned(),
-        met,
-    };
-    let io = |source| ScopeError::Io { file: path.to_owned(), action: "open it", source };
+    let wrong = ScopeError::about(path, KIND);
     // From version 3 on the sizes of file and buffer have eight bytes.
     let (count, mut at, wide) = match &bytes.head().get(2..4) {
         Some(b"01" | b"02" | b"10") => (bytes.u32(8), 12_u64, false),
@@ -29,7 +21,7 @@ pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError
     if !(1..=MOST).contains(&count) {
         return Err(wrong("number of waveforms", "1 to 64", count.to_string()));
     }
-    let file = File::open(path).map_err(io)?;
+    let file = ScopeError::opened(path)?;
     let (mut channels, mut names, mut shape): (Vec<Layout>, Vec<String>, Option<(usize, f64)>) = (Vec::new(), Vec::new(), None);
     for _ in 0..count {
         let header = Bytes::at(path, &file, at)?;

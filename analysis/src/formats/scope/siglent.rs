@@ -2,7 +2,6 @@
 //!
 //! V = ((code − middle) · V/div / codes per division − offset) · probe, as files of known voltages have it; the maker's description adds the offset.
 
-use std::fs::File;
 use std::path::Path;
 
 use super::raw::{Bytes, Form, Layout, RawFile};
@@ -69,13 +68,7 @@ fn value(bytes: &Bytes, at: usize) -> f64 {
 
 /// Opens a file that [`is_one`].
 pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError> {
-    let wrong = |field, expected: &str, met: String| ScopeError::Layout {
-        file: path.to_owned(),
-        kind: KIND,
-        field,
-        expected: expected.to_owned(),
-        met,
-    };
+    let wrong = ScopeError::about(path, KIND);
     let Some((fields, data)) = fields(bytes) else { return Err(wrong("version", "2, 3 or 4", bytes.u32(0).to_string())) };
     let (rate_hz, samples) = (value(bytes, fields.rate), bytes.u32(fields.length) as usize);
     if !(rate_hz > 0.0 && rate_hz.is_finite()) {
@@ -108,8 +101,7 @@ pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError
         let expected = format!("{} channels of {samples} samples, {end} bytes", channels.len());
         return Err(wrong("data", &expected, format!("{} bytes", bytes.length)));
     }
-    let file = File::open(path).map_err(|source| ScopeError::Io { file: path.to_owned(), action: "open it", source })?;
-    let mut raw = RawFile { path: path.to_owned(), file, channels };
+    let mut raw = RawFile { path: path.to_owned(), file: ScopeError::opened(path)?, channels };
     raw.settle_steps(samples, bits)?;
     Ok(ScopeRecord { kind: KIND, interval_s: 1.0 / rate_hz, samples, names, raw })
 }

@@ -161,7 +161,7 @@ impl Truth {
         let f = warm(self.g, y[3] / self.g);
         let (c1, c2) = (BRANCHES[0].1 / BRANCHES[0].0, BRANCHES[1].1 / BRANCHES[1].0);
         let through = (self.beta * y[2] / BRANCHES[1].0).sinh() / (self.beta * f);
-        let heat_w = i * (R * f * i + y[1] + y[2]);
+        let heat_w = R * f * i * i + y[1] * y[1] / (BRANCHES[0].0 * f) + y[2] * through;
         [
             -i / (3600.0 * curve().capacity_ah),
             (i - y[1] / (BRANCHES[0].0 * f)) / c1,

@@ -73,6 +73,8 @@ struct Channel {
     inverted: bool,
     vernier: bool,
     probe: f64,
+    /// A label only.
+    unit: &'static str,
 }
 
 impl Channel {
@@ -106,8 +108,17 @@ impl Default for Transfer {
 
 impl Panel {
     fn power_on() -> Self {
-        let channel =
-            Channel { on: false, scale: 0.1, offset: 0.0, coupling: "DC", limited: false, inverted: false, vernier: false, probe: 10.0 };
+        let channel = Channel {
+            on: false,
+            scale: 0.1,
+            offset: 0.0,
+            coupling: "DC",
+            limited: false,
+            inverted: false,
+            vernier: false,
+            probe: 10.0,
+            unit: "VOLT",
+        };
         let mut channels = [channel; CHANNELS];
         channels[0].on = true;
         Self { channels, time_scale: 1e-6, time_offset_s: 0.0, depth_points: 1e4, source: 0, slope: "POSitive", level: 0.0 }
@@ -193,12 +204,22 @@ impl Dho {
     /// What the screen shows is rescaled; the input stays as it is.
     fn set_probe(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let factor = bare(arguments)?.clamp(1e-3, 5e4);
+        let amperes = self.quirks.is("unit_after_probe");
         self.channel(index, |channel| {
+            if amperes {
+                channel.unit = "AMP";
+            }
             let ratio = factor / channel.probe;
             channel.probe = factor;
             channel.scale *= ratio;
             channel.offset *= ratio;
         });
+        Ok(())
+    }
+
+    fn set_unit(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
+        let unit = arguments.word(&["VOLTage", "AMPere", "WATT", "UNKNown"])?;
+        self.panel.channels[index].unit = unit.trim_end_matches(char::is_lowercase);
         Ok(())
     }
 
@@ -331,6 +352,9 @@ impl Device for Dho {
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
         self.world.now_s = now_s;
         self.acquisition.refresh(&self.world, self.panel, &self.panel.view());
+        if self.quirks.is("busy_opc") && self.acquisition.keeps_waiting(message) {
+            return Vec::new();
+        }
         exchange(&tree::TREE, self, message)
     }
 }

@@ -38,7 +38,8 @@ macro_rules! channel {
             )},
             Leaf! {b"INVert" => switch!($index, inverted)},
             Leaf! {b"VERNier" => switch!($index, vernier)},
-            Leaf! {b"PROBe" => &both(|s: &mut Dho, a| s.set_probe($index, a), |s, _| real(s.panel.channels[$index].probe))}
+            Leaf! {b"PROBe" => &both(|s: &mut Dho, a| s.set_probe($index, a), |s, _| real(s.panel.channels[$index].probe))},
+            Leaf! {b"UNITs" => &both(|s: &mut Dho, a| s.set_unit($index, a), |s, _| text(s.panel.channels[$index].unit))}
         }
     };
 }

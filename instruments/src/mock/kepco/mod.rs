@@ -61,6 +61,8 @@ pub(super) struct Kepco {
     world: World,
     status: Status,
     family: Family,
+    /// The function is answered by another word than sets it.
+    function_word: bool,
     serial_number: String,
     settings: Settings,
 }
@@ -102,6 +104,7 @@ impl Kepco {
             world: World::new(plant, options.since_s),
             status: Status::new(QUEUE_DEPTH).quirky(&options.quirks),
             family,
+            function_word: options.quirks.is("function_word"),
             serial_number: options.serial_number.clone(),
             settings: Settings {
                 off_mode: if options.quirks.is("off_active") { "ACTIVE" } else { "BATTERY" },

@@ -89,6 +89,16 @@ fn set_mode(kepco: &mut Kepco, arguments: &mut Arguments) -> Fallible {
     Ok(())
 }
 
+/// `1` for a current, where `CURR` sets it.
+fn get_mode(kepco: &mut Kepco, _: &mut Arguments) -> Fallible<Answer> {
+    text(match (kepco.settings.mode, kepco.function_word) {
+        (Channel::Current, true) => "1",
+        (Channel::Voltage, true) => "0",
+        (Channel::Current, false) => "CURR",
+        (Channel::Voltage, false) => "VOLT",
+    })
+}
+
 fn set_output(kepco: &mut Kepco, arguments: &mut Arguments) -> Fallible {
     let on = arguments.switch()?;
     if matches!(kepco.settings.pin_mode, "HIGH" | "LOW") {
@@ -170,8 +180,7 @@ macro_rules! level {
 
 const VOLTAGE: Node<'static, Kepco> = level!(b"VOLTage", Channel::Voltage);
 const CURRENT: Node<'static, Kepco> = level!(b"CURRent", Channel::Current);
-const FUNCTION: Node<'static, Kepco> =
-    Branch! {b"FUNCtion"; Leaf! {b"MODE" => &both(set_mode, |k, _| text(if k.settings.mode == Channel::Current { "1" } else { "0" }))}};
+const FUNCTION: Node<'static, Kepco> = Branch! {b"FUNCtion"; Leaf! {b"MODE" => &both(set_mode, get_mode)}};
 
 const MEASURE_VOLTAGE: Node<'static, Kepco> = Branch! {b"VOLTage" => &get(|k, _| measure(k, Meter::BipolarVolts));
 Leaf! {b"DC" => &get(|k, _| measure(k, Meter::BipolarVolts))}};

@@ -248,6 +248,9 @@ impl Device for Scope {
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
         self.world.now_s = now_s;
         self.refresh();
+        if self.quirks.is("busy_opc") && self.acquisition.keeps_waiting(message) {
+            return Vec::new();
+        }
         exchange(&tree::TREE, self, message)
     }
 }

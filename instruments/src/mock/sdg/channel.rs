@@ -20,6 +20,15 @@ pub(super) const MIN_VPP: f64 = 2e-3;
 const FREQ_RANGE_HZ: (f64, f64) = (1e-6, 30e6);
 const LOAD_RANGE_OHM: (f64, f64) = (50.0, 100e3);
 
+/// How numbers are told.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Manner {
+    /// With their units.
+    pub(super) units: bool,
+    /// With so many digits at most; 0: as the model does.
+    pub(super) digits: usize,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Channel {
     pub(super) constant: bool,
@@ -136,24 +145,39 @@ impl Channel {
         }
     }
 
-    pub(super) fn describe(&self) -> String {
-        let volts = |open: f64| general(open * self.divider(), 6);
+    /// Whether a value that was just taken is not what was asked for, beyond the steps of the converter.
+    pub(super) fn is_limited(&self, key: &str, value: &Argument) -> bool {
+        let divider = self.divider();
+        let (met, unit, step) = match key.to_ascii_uppercase().as_str() {
+            "FRQ" => (self.freq_hz, "HZ", 1e-6),
+            "AMP" => (self.amplitude_vpp * divider, "V", 1e-4),
+            "OFST" => (self.offset_v * divider, "V", 1e-4),
+            _ => return false,
+        };
+        to_number(value, unit).is_ok_and(|asked| (asked - met).abs() > step)
+    }
+
+    pub(super) fn describe(&self, manner: &Manner) -> String {
+        let digits = |usual: usize| if manner.digits == 0 { usual } else { manner.digits.min(usual) };
+        let with = |unit: &'static str| if manner.units { unit } else { "" };
+        let (hertz, seconds, v, vrms) = (with("HZ"), with("S"), with("V"), with("Vrms"));
+        let volts = |open: f64| general(open * self.divider(), digits(6));
         let offset = volts(self.offset_v);
         if self.constant {
-            return format!("WVTP,DC,MAX_OUTPUT_AMP,{}V,OFST,{offset}V", volts(self.max_vpp));
+            return format!("WVTP,DC,MAX_OUTPUT_AMP,{}{v},OFST,{offset}{v}", volts(self.max_vpp));
         }
         let half = self.amplitude_vpp / 2.0;
         format!(
-            "WVTP,{},FRQ,{}HZ,PERI,{}S,AMP,{}V,AMPVRMS,{}Vrms,MAX_OUTPUT_AMP,{}V,OFST,{offset}V,HLEV,{}V,LLEV,{}V,PHSE,{}",
+            "WVTP,{},FRQ,{}{hertz},PERI,{}{seconds},AMP,{}{v},AMPVRMS,{}{vrms},MAX_OUTPUT_AMP,{}{v},OFST,{offset}{v},HLEV,{}{v},LLEV,{}{v},PHSE,{}",
             if self.arbitrary { "ARB" } else { "SINE" },
-            general(self.freq_hz, 12),
-            general(self.freq_hz.recip(), 6),
+            general(self.freq_hz, digits(12)),
+            general(self.freq_hz.recip(), digits(6)),
             volts(self.amplitude_vpp),
-            general(self.amplitude_vpp * self.divider() / (2.0 * SQRT_2), 4),
+            general(self.amplitude_vpp * self.divider() / (2.0 * SQRT_2), digits(4)),
             volts(self.max_vpp),
             volts(self.offset_v + half),
             volts(self.offset_v - half),
-            general(self.phase_deg, 6),
+            general(self.phase_deg, digits(6)),
         )
     }
 

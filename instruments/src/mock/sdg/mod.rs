@@ -12,14 +12,19 @@ mod channel;
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use scpi::{Branch, Leaf, Root, error::Error, tree::Node};
+use scpi::{
+    Branch, Leaf, Root,
+    error::{Error, ErrorCode},
+    tree::Node,
+};
 
-use channel::{Channel, MIN_VPP};
+use channel::{Channel, MIN_VPP, Manner};
 
 use super::{
     Device, MockOptions,
     plant::{Action, SharedPlant},
-    tree::{Answer, Argument, Arguments, Fallible, both, common, exchange, get, set, text},
+    quirks::Quirks,
+    tree::{Answer, Argument, Arguments, Fallible, both, common, exchange, fail, get, set, text},
     world::World,
 };
 use crate::scpi::decode::Terminator;
@@ -32,6 +37,7 @@ const SHORT_KEY: &[u8] = b"MAXOUTPUTAMP";
 pub(super) struct Sdg {
     world: World,
     serial_number: String,
+    quirks: Quirks,
     channels: [Channel; 2],
     /// Loaded waves by name.
     waves: BTreeMap<String, Arc<[f64]>>,
@@ -45,6 +51,7 @@ impl Sdg {
         let sdg = Self {
             world: World::new(plant, options.since_s),
             serial_number,
+            quirks: options.quirks.clone(),
             channels: [Channel::default(); 2],
             waves,
             chosen: [None, None],
@@ -129,13 +136,19 @@ impl Sdg {
             "AMP" | "AMPVRMS" => 2,
             _ => 1,
         });
+        let clamps = self.quirks.is("clamps");
         self.change(index, |channel| {
+            let amplitude_vpp = channel.amplitude_vpp;
             if pairs.iter().any(|(key, _)| key.eq_ignore_ascii_case("OFST")) && pairs.iter().any(|(key, _)| key.eq_ignore_ascii_case("AMP"))
             {
                 channel.amplitude_vpp = MIN_VPP;
             }
             for (key, value) in &pairs {
+                let before = *channel;
                 channel.set(key, value);
+                if !clamps && channel.is_limited(key, value) {
+                    *channel = if key.eq_ignore_ascii_case("AMP") { Channel { amplitude_vpp, ..before } } else { before };
+                }
             }
         });
         Ok(())
@@ -163,6 +176,24 @@ impl Sdg {
         Ok(())
     }
 
+    fn answer(&self, header: &str, list: &str) -> Fallible<Answer> {
+        let header = if self.quirks.is("header") { header } else { "" };
+        text(format!("{header}{list}"))
+    }
+
+    fn manner(&self) -> Manner {
+        Manner { units: self.quirks.is("units"), digits: self.quirks.count("digits") }
+    }
+
+    /// It has no queue; what it says of it is reported in two ways.
+    fn errors(&mut self, _: &mut Arguments) -> Fallible<Answer> {
+        match self.quirks.word("errors") {
+            "signed" => text("-0, No errors"),
+            "silence" => fail(ErrorCode::UndefinedHeader),
+            _ => text("0,No Error"),
+        }
+    }
+
     fn identity(&mut self, _: &mut Arguments) -> Fallible<Answer> {
         text(format!("Siglent Technologies,SDG1032X,{},1.01.01.33R1B6", self.serial_number))
     }
@@ -172,7 +203,7 @@ macro_rules! basic_wave {
     ($index:literal, $prefix:literal) => {
         &both(
             |sdg: &mut Sdg, arguments| sdg.set_basic_wave($index, arguments),
-            |sdg, _| text(format!(concat!($prefix, ":BSWV {}"), sdg.channels[$index].describe())),
+            |sdg, _| sdg.answer(concat!($prefix, ":BSWV "), &sdg.channels[$index].describe(&sdg.manner())),
         )
     };
 }
@@ -184,16 +215,16 @@ macro_rules! channel {
             Leaf! {b"BASIC_WAVE" => basic_wave!($index, $prefix)},
             Leaf! {b"OUTPut" => &both(
                 |sdg: &mut Sdg, arguments| sdg.set_output($index, arguments),
-                |sdg, _| text(format!(concat!($prefix, ":OUTP {}"), sdg.channels[$index].describe_output())),
+                |sdg, _| sdg.answer(concat!($prefix, ":OUTP "), &sdg.channels[$index].describe_output()),
             )},
             Leaf! {b"ARWV" => &both(
                 |sdg: &mut Sdg, arguments| sdg.choose_wave($index, arguments),
-                |sdg, _| text(format!(concat!($prefix, ":ARWV {}"), sdg.describe_wave($index))),
+                |sdg, _| sdg.answer(concat!($prefix, ":ARWV "), &sdg.describe_wave($index)),
             )},
             // Burst, sweep and modulation are off and stay off.
-            Leaf! {b"BTWV" => &both(common::ignore, |_, _| text(concat!($prefix, ":BTWV STATE,OFF")))},
-            Leaf! {b"SWWV" => &both(common::ignore, |_, _| text(concat!($prefix, ":SWWV STATE,OFF")))},
-            Leaf! {b"MDWV" => &both(common::ignore, |_, _| text(concat!($prefix, ":MDWV STATE,OFF")))}
+            Leaf! {b"BTWV" => &both(common::ignore, |sdg: &mut Sdg, _| sdg.answer(concat!($prefix, ":BTWV "), "STATE,OFF"))},
+            Leaf! {b"SWWV" => &both(common::ignore, |sdg: &mut Sdg, _| sdg.answer(concat!($prefix, ":SWWV "), "STATE,OFF"))},
+            Leaf! {b"MDWV" => &both(common::ignore, |sdg: &mut Sdg, _| sdg.answer(concat!($prefix, ":MDWV "), "STATE,OFF"))}
         }
     };
 }
@@ -205,7 +236,7 @@ const TREE: Node<'static, Sdg> = Root! {
     channel! {b"C1", 0, "C1"},
     channel! {b"C2", 1, "C2"},
     Leaf! {b"EQPHASE" => &set(Sdg::align_phases)},
-    Branch! {b"SYSTem"; Leaf! {b"ERRor" => &get(|_: &mut Sdg, _| text("0,No Error"))}}
+    Branch! {b"SYSTem"; Leaf! {b"ERRor" => &get(Sdg::errors)}}
 };
 
 impl scpi::Device for Sdg {

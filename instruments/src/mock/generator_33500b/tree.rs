@@ -1,0 +1,130 @@
+//! The command tree of the 33500B.
+
+use scpi::{Branch, Leaf, Root, error::ErrorCode, tree::Node};
+
+use super::{
+    super::{
+        number::nr3,
+        tree::{Answer, Arguments, Fallible, both, common, fail, get, set, text},
+    },
+    Channel, Keysight,
+};
+
+/// A sign, sixteen digits and an exponent: `+1.000000000000000E+03`.
+pub(super) fn number(value: f64) -> Fallible<Answer> {
+    let digits = nr3(value, 16);
+    text(if digits.starts_with('-') { digits } else { format!("+{digits}") })
+}
+
+/// Only `VPP` is simulated.
+fn only_vpp(_: &mut Keysight, arguments: &mut Arguments) -> Fallible {
+    arguments.word(&["VPP"]).map(|_| ())
+}
+
+/// Burst, sweep and modulation can be switched off.
+fn only_off(_: &mut Keysight, arguments: &mut Arguments) -> Fallible {
+    if arguments.switch()? { fail(ErrorCode::SettingsConflict) } else { Ok(()) }
+}
+
+macro_rules! modifier {
+    ($name:literal) => {
+        Branch! {$name; Leaf! {b"STATe" => &both(only_off, |_, _| text("0"))}}
+    };
+}
+
+macro_rules! source {
+    ($name:literal, $index:literal) => {
+        Branch! {$name;
+            Branch! {b"FUNCtion" => &both(
+                |device: &mut Keysight, arguments| device.set_function($index, arguments),
+                |device, _| text(match &device.channels[$index] {
+                    Channel { constant: true, .. } => "DC",
+                    Channel { arbitrary: true, .. } => "ARB",
+                    _ => "SIN",
+                }),
+            );
+                Branch! {b"ARBitrary" => &both(
+                    |device: &mut Keysight, arguments| device.choose_wave($index, arguments),
+                    |device, _| text(format!("\"{}\"", device.chosen[$index].as_deref().unwrap_or("EXP_RISE"))),
+                );
+                    Leaf! {b"SRATe" => &both(
+                        |device: &mut Keysight, arguments| device.set_rate($index, arguments),
+                        |device, _| number(device.channels[$index].rate_hz),
+                    )},
+                    Leaf! {b"FILTer" => &both(
+                        |device: &mut Keysight, arguments| device.set_filter($index, arguments),
+                        |device, _| text(device.channels[$index].filter.trim_end_matches(char::is_lowercase)),
+                    )}
+                }
+            },
+            Branch! {b"DATA"; Branch! {b"VOLatile";
+                Leaf! {b"CLEar" => &set(|device: &mut Keysight, arguments| device.clear_waves($index, arguments))}
+            }},
+            Leaf! {b"FREQuency" => &both(
+                |device: &mut Keysight, arguments| device.set_frequency($index, arguments),
+                |device, _| number(device.channels[$index].freq_hz),
+            )},
+            Branch! {b"VOLTage" => &both(
+                |device: &mut Keysight, arguments| device.set_amplitude($index, arguments),
+                |device, _| device.at_load($index, |channel| channel.amplitude_vpp),
+            );
+                Leaf! {b"UNIT" => &both(only_vpp, |_, _| text("VPP"))},
+                Leaf! {b"OFFSet" => &both(
+                    |device: &mut Keysight, arguments| device.set_offset($index, arguments),
+                    |device, _| device.at_load($index, |channel| channel.offset_v),
+                )},
+                Leaf! {b"HIGH" => &get(|device: &mut Keysight, _| device.at_load($index, |channel| channel.offset_v + channel.amplitude_vpp / 2.0))},
+                Leaf! {b"LOW" => &get(|device: &mut Keysight, _| device.at_load($index, |channel| channel.offset_v - channel.amplitude_vpp / 2.0))}
+            },
+            Branch! {b"PHASe" => &both(
+                |device: &mut Keysight, arguments| device.set_phase($index, arguments),
+                |device, _| number(device.channels[$index].phase_deg),
+            ); Leaf! {b"SYNChronize" => &set(Keysight::align_phases)}},
+            Branch! {b"APPLy"; Leaf! {b"SINusoid" => &set(|device: &mut Keysight, arguments| device.apply($index, arguments))}},
+            modifier! {b"BURSt"},
+            modifier! {b"SWEep"},
+            modifier! {b"AM"},
+            modifier! {b"FM"}
+        }
+    };
+}
+
+macro_rules! output {
+    ($name:literal, $index:literal) => {
+        Branch! {$name => &both(
+            |device: &mut Keysight, arguments| device.set_output($index, arguments),
+            |device, _| text(if device.channels[$index].output_on { "1" } else { "0" }),
+        );
+            Leaf! {b"LOAD" => &both(
+                |device: &mut Keysight, arguments| device.set_load($index, arguments),
+                |device, _| match device.channels[$index].load_ohm {
+                    // Infinity as the standard writes it.
+                    f64::INFINITY => text("+9.900000000000000E+37"),
+                    ohms => number(ohms),
+                },
+            )},
+            Leaf! {b"POLarity" => &both(
+                |device: &mut Keysight, arguments| device.set_polarity($index, arguments),
+                |device, _| text(if device.channels[$index].inverted { "INV" } else { "NORM" }),
+            )}
+        }
+    };
+}
+
+pub(super) const TREE: Node<'static, Keysight> = Root! {
+    Leaf! {b"*IDN" => &get(|device: &mut Keysight, _| text(format!("Agilent Technologies,33522B,{},5.00-1.19-2.00-58-00", device.serial_number)))},
+    Leaf! {b"*RST" => &set(Keysight::reset)},
+    Leaf! {b"*CLS" => &set(common::cls)},
+    Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
+    Leaf! {b"*ESR" => &get(common::esr_query)},
+    Leaf! {b"*ESE" => &both(common::ese, common::ese_query)},
+    Leaf! {b"*SRE" => &both(common::sre, common::sre_query)},
+    Leaf! {b"*STB" => &get(common::stb_query)},
+    source! {b"SOURce", 0},
+    source! {b"SOURce1", 0},
+    source! {b"SOURce2", 1},
+    output! {b"OUTPut", 0},
+    output! {b"OUTPut1", 0},
+    output! {b"OUTPut2", 1},
+    Branch! {b"SYSTem"; Branch! {b"ERRor" => &get(common::signed_error_query); Leaf! {b"NEXT" => &get(common::signed_error_query)}}}
+};
