@@ -4,7 +4,7 @@ use bench_daemon::study::trial::{End, Score, play, strength_for};
 use fixtures::hidden::{EffectKind, Spec, Stratum};
 
 fn drawn(stratum: Stratum, seeds: std::ops::Range<u64>) -> Vec<Score> {
-    seeds.map(|seed| play(stratum, &stratum.draw(seed)).unwrap()).collect()
+    seeds.map(|seed| play(stratum, &stratum.draw(seed), true).unwrap()).collect()
 }
 
 #[test]
