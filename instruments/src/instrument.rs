@@ -50,7 +50,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         Self { channels, ..self }
     }
 
-    /// Asks who it is; changes nothing. Where nothing tells that an earlier client left an answer unread, a strange identity may be that answer: the link is
+    /// Asks who it is; changes no setting. Where nothing tells that an earlier client left an answer unread, a strange identity may be that answer: the link is
     /// brought into step then, and the question asked again.
     ///
     /// # Errors
@@ -60,8 +60,12 @@ impl<D: Model + ?Sized> Instrument<D> {
         if self.dialect.recognises(&identity) || !matches!(self.link.address(), Address::UsbTmc { .. }) {
             return Ok(identity);
         }
-        self.link.reconnect().await?;
-        Ok(Identity::parse(&self.link.query(self.dialect.identity_query()).await?))
+        // A model that answers nothing else is still the one that it said it is.
+        if self.link.reconnect().await.is_err() {
+            return Ok(identity);
+        }
+        let again = self.link.query(self.dialect.identity_query()).await;
+        Ok(again.map_or(identity, |text| Identity::parse(&text)))
     }
 
     /// Asks for one number.

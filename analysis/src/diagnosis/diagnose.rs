@@ -87,7 +87,8 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
         base = base_fit(&prepared.problem, &model.erm, &mut desk);
         selection = if moved.is_some() { Selection::nothing(&base) } else { search(&prepared, options).run(&base) };
     }
-    let again = if selection.taken.is_empty() { None } else { Some(refitted(&prepared, &selection, guards)?) };
+    let again = if selection.taken.is_empty() { None } else { refitted(&prepared, [&selection.base, &selection.fit], guards) };
+    let again = again.map(|(prepared, [base, fit])| (prepared, Selection { base, fit, ..selection.clone() }));
     let (judged, last) = again.as_ref().map_or((&prepared, &selection), |(prepared, selection)| (prepared, selection));
     // The search may have met a deeper minimum of the base.
     let (problem, base, fit) = (&judged.problem, &last.base, &last.fit);
@@ -132,12 +133,11 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
 
 /// Base and named effects fitted again under noise that is taken about the cell with its effects: a scatter of all resistances spares a contact, and what
 /// a wrong current does to the voltage hangs on what is missing in the base.
-fn refitted(prepared: &Prepared, selection: &Selection, guards: Guards) -> Result<(Prepared, Selection), DataSetError> {
-    let prepared = prepared.clone().again(&selection.fit, guards)?;
+pub(super) fn refitted(prepared: &Prepared, [base, fit]: [&Fit; 2], guards: Guards) -> Option<(Prepared, [Fit; 2])> {
+    let prepared = prepared.clone().again(fit, guards).ok()?;
     let mut desk = Desk::default();
-    let mut again = |fit: &Fit| prepared.problem.fit_from(&fit.structure, fit.x.clone(), fit.axes.clone(), &mut desk);
-    let selection = Selection { base: again(&selection.base), fit: again(&selection.fit), ..selection.clone() };
-    Ok((prepared, selection))
+    let again = [base, fit].map(|fit| prepared.problem.fit_from(&fit.structure, fit.x.clone(), fit.axes.clone(), &mut desk));
+    Some((prepared, again))
 }
 
 /// The base refitted to spectra and training records: from the model, and from other time constants where that does not reach the floor.

@@ -4,7 +4,7 @@
 
 use super::block::{DataSetError, Desk};
 use super::data::DataSet;
-use super::diagnose::{base_fit, gaps};
+use super::diagnose::{base_fit, gaps, refitted};
 use super::guards::Guards;
 use super::outcome::Gap;
 use super::prepare::{BaseModel, prepare};
@@ -42,5 +42,9 @@ pub fn oracle(set: &DataSet, model: &BaseModel, names: &[&str]) -> Result<(f64, 
         }
         fit = best.unwrap_or(fit);
     }
-    Ok((fit.chi2, gaps(&prepared, &model.erm, (&base, &fit), &mut desk)))
+    // As a diagnosis does with what it has named.
+    match refitted(&prepared, [&base, &fit], Guards::default()) {
+        Some((prepared, [base, fit])) => Ok((fit.chi2, gaps(&prepared, &model.erm, (&base, &fit), &mut desk))),
+        None => Ok((fit.chi2, gaps(&prepared, &model.erm, (&base, &fit), &mut desk))),
+    }
 }

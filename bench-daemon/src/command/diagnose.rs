@@ -108,20 +108,20 @@ fn diagnose_run(run: &Path, rc: usize) -> Result<Vec<String>, Failure> {
     let mut all = Judged::read(run, &run.join(format!("model_{rc}rc.json")), None)?;
     all.within = Some(run.to_owned());
     let cells = all.cells(None)?;
-    let mut told = Vec::new();
-    for name in &cells {
+    let step = |name: &String| {
         let (folder, prefix) = match cells.len() {
             1 => (run.join(IN_RUN), String::new()),
             _ => (run.join(IN_RUN).join(name), format!("cell {name}: ")),
         };
         let mut judged = all.of_cell(name);
         judged.specimen = (cells.len() > 1).then(|| name.clone());
-        let outcome = judged.diagnose()?;
-        write(&folder, &outcome, &judged)?;
-        let diagnosis = &outcome.diagnosis;
-        told.push(format!("{prefix}{}; {}", diagnosis.summary, folder.join("diagnosis.html").display()));
-    }
-    Ok(told)
+        let outcome = judged.diagnose().and_then(|outcome| write(&folder, &outcome, &judged).map(|()| outcome));
+        match outcome {
+            Ok(outcome) => format!("{prefix}{}; {}", outcome.diagnosis.summary, folder.join("diagnosis.html").display()),
+            Err(failure) => format!("{prefix}could not be made: {failure}"),
+        }
+    };
+    Ok(cells.iter().map(step).collect())
 }
 
 fn json(outcome: &Outcome) -> Result<String, Failure> {
@@ -212,9 +212,6 @@ impl Judged {
         if let Some(specimen) = &self.specimen {
             text.push_str(&format!(" --specimen {}", quoted(Path::new(specimen))));
         }
-        if self.within.is_some() {
-            text.push_str(" (in the run folder)");
-        }
         text
     }
 
@@ -258,7 +255,7 @@ fn page(outcome: &Outcome, judged: &Judged, pictures: &[report::Picture]) -> Res
         ("model".to_owned(), hashed(&judged.path)),
         ("seed".to_owned(), "none: the same files give the same diagnosis".to_owned()),
         ("everything in numbers".to_owned(), "diagnosis.json beside this page".to_owned()),
-        ("to repeat it".to_owned(), judged.again()),
+        (if judged.within.is_some() { "to repeat it, in the run folder" } else { "to repeat it" }.to_owned(), judged.again()),
     ];
     if let Some(ocv) = &judged.ocv {
         page.provenance.insert(3, ("open-circuit voltage".to_owned(), hashed(ocv)));

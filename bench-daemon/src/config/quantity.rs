@@ -150,7 +150,7 @@ mod tests {
         assert_eq!(Quantity::<Charge>::parse("4.5 Ah").unwrap().si, 16_200.0);
         assert_eq!(Quantity::<Frequency>::parse("1e-1 Hz").unwrap().si, 0.1);
         assert_eq!(Quantity::<Duration>::parse("2 min").unwrap().si, 120.0);
-        assert_eq!(Quantity::<Duration>::parse("10 µs").unwrap().si, 10.0e-6);
+        assert_eq!(Quantity::<Duration>::parse("250 µs").unwrap().si, 250.0e-6);
     }
 
     #[test]

@@ -300,7 +300,11 @@ impl Executor<'_> {
             obeys(&trace.name, *level_a, (current_a, time_s))?;
             row.temperature_c = self.last_c.unwrap_or(f64::NAN);
         }
-        Ok(found)
+        // What there is was judged first: a limit that was passed outweighs a record that is short.
+        match &found.missing {
+            Some((expected, measured)) => Err(disobeyed(&trace.name, expected, measured)),
+            None => Ok(found),
+        }
     }
 
     pub(super) fn finish_trace(

@@ -41,6 +41,8 @@ pub(crate) struct Recorded {
     pub(crate) squares: [f64; 2],
     /// Frames.
     pub(crate) frames: usize,
+    /// What the frames should hold and do not, in words: expected, measured.
+    pub(crate) missing: Option<(String, String)>,
 }
 
 impl Recorded {
@@ -56,6 +58,7 @@ impl Recorded {
         self.steps_s.extend(other.steps_s);
         self.squares = [self.squares[0] + other.squares[0], self.squares[1] + other.squares[1]];
         self.frames += other.frames;
+        self.missing = self.missing.take().or(other.missing);
     }
 }
 
@@ -95,6 +98,7 @@ impl Frames<'_> {
             steps_s: steps_s.iter().map(|step_s| step_s + start_s - origin_s).collect(),
             squares: [sigma_a.powi(2), sigma_jig_v.powi(2)],
             frames: 1,
+            missing: None,
         }
     }
 

@@ -4,7 +4,7 @@
 
 use std::{
     fs::{File, OpenOptions},
-    io::{BufRead, BufReader, Read, Seek, SeekFrom, Write},
+    io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
 };
@@ -20,6 +20,8 @@ const FILE: &str = "audit.jsonl";
 const HEAD: &str = "audit.head.json";
 /// Who writes down that the trail was altered.
 const SERVER: &str = "server";
+/// Of so many altered lines the numbers are told.
+const NUMBERS: usize = 8;
 
 /// One deed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -46,6 +48,10 @@ struct Head {
     lines: usize,
     /// The checksum of the last.
     chain: String,
+    /// Checksum over the lines that are not as they were written, of which the trail has told; none without such lines. They stay as they are, and
+    /// telling them at each start would fill the trail.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    told: String,
 }
 
 /// The audit trail of a data folder.
@@ -86,7 +92,7 @@ impl Audit {
         let line = serde_json::to_string(&deed)?;
         writeln!(open.0, "{line}")?;
         open.0.sync_data()?;
-        open.1 = Head { lines: open.1.lines + 1, chain: deed.chain };
+        (open.1.lines, open.1.chain) = (open.1.lines + 1, deed.chain);
         let head = serde_json::to_string(&open.1)?;
         write_atomically(&self.path.with_file_name(HEAD), head.as_bytes()).map_err(std::io::Error::other)
     }
@@ -97,8 +103,8 @@ impl Audit {
     /// The system's.
     pub fn latest(&self, most: usize) -> std::io::Result<Vec<Deed>> {
         let mut found = std::collections::VecDeque::new();
-        for line in BufReader::new(File::open(&self.path)?).lines() {
-            if let Ok(deed) = serde_json::from_str::<Deed>(&line?) {
+        for line in BufReader::new(File::open(&self.path)?).split(b'\n') {
+            if let Some(deed) = read(&line?) {
                 found.push_back(deed);
                 if found.len() > most {
                     found.pop_front();
@@ -113,41 +119,63 @@ fn chain(before: &str, deed: &Deed) -> String {
     checksum(&format!("{before} {} {} {} {} {}", deed.unix_s, deed.who, deed.from, deed.what, deed.outcome))
 }
 
-/// How far the trail goes, and what is wrong with it.
-fn check(path: &Path) -> std::io::Result<(Head, Vec<String>)> {
-    let known: Option<Head> = match std::fs::read(path.with_file_name(HEAD)) {
-        Ok(bytes) => Some(serde_json::from_slice(&bytes).unwrap_or_default()),
-        Err(_) => None,
-    };
-    let (mut head, mut wrong, mut met) = (Head::default(), None, false);
-    for line in BufReader::new(File::open(path)?).lines() {
-        head.lines += 1;
-        match serde_json::from_str::<Deed>(&line?) {
-            Ok(deed) => {
-                if chain(&head.chain, &deed) != deed.chain {
-                    wrong.get_or_insert(head.lines);
-                }
-                head.chain = deed.chain;
-            }
-            Err(_) => drop(wrong.get_or_insert(head.lines)),
-        }
-        met |= known.as_ref() == Some(&head);
+/// The deed of a line. A server may have died within a letter of several bytes: what is no text must not keep the next one from starting.
+fn read(line: &[u8]) -> Option<Deed> {
+    serde_json::from_str(&String::from_utf8_lossy(line)).ok()
+}
+
+/// How far the trail went by the file beside it; none where there is no such file. A failure says what is wrong with the file.
+fn named(path: &Path) -> Result<Option<Head>, String> {
+    let wrong = |what: &str| format!("{HEAD} beside the audit trail cannot be {what}: whether the end of the trail is there is not known");
+    match std::fs::read(path.with_file_name(HEAD)) {
+        Ok(bytes) => serde_json::from_slice(&bytes).map(Some).map_err(|error| wrong(&format!("understood ({error})"))),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(wrong(&format!("read ({error})"))),
     }
-    let mut told: Vec<String> = wrong.map(|line| format!("line {line} of the audit trail is not as it was written")).into_iter().collect();
+}
+
+/// How far the trail goes, and what is wrong with it that it has not told yet.
+fn check(path: &Path) -> std::io::Result<(Head, Vec<String>)> {
+    let named = named(path);
+    let known = named.as_ref().ok().and_then(Option::as_ref);
+    let (mut head, mut wrong, mut met) = (Head::default(), Vec::new(), false);
+    for line in BufReader::new(File::open(path)?).split(b'\n') {
+        let line = line?;
+        head.lines += 1;
+        let deed = read(&line);
+        if deed.as_ref().is_none_or(|deed| chain(&head.chain, deed) != deed.chain) {
+            wrong.push(head.lines);
+            head.told = checksum(&format!("{} {} {}", head.told, head.lines, String::from_utf8_lossy(&line)));
+        }
+        head.chain = deed.map_or(head.chain, |deed| deed.chain);
+        met |= known.is_some_and(|known| (known.lines, &known.chain) == (head.lines, &head.chain));
+    }
+    let news = !wrong.is_empty() && known.is_none_or(|known| known.told != head.told);
+    let mut told: Vec<String> = news.then(|| altered(&wrong)).into_iter().collect();
     // Of a server that died between the two, the trail is a line longer than the other file says.
-    match known {
-        Some(known) if known.lines > head.lines => {
+    match named {
+        Err(what) => told.push(what),
+        Ok(Some(known)) if known.lines > head.lines => {
             told.push(format!("the audit trail had {} lines, found {}: its end was cut off", known.lines, head.lines));
         }
-        Some(known) if known.lines > 0 && !met && told.is_empty() => {
+        Ok(Some(known)) if known.lines > 0 && !met && told.is_empty() => {
             told.push(format!("line {} of the audit trail is not the one that {HEAD} names", known.lines));
         }
-        None if head.lines > 0 => {
+        Ok(None) if head.lines > 0 => {
             told.push(format!("expected {HEAD} beside the audit trail, found none: whether its end is there is not known"));
         }
-        _ => {}
+        Ok(_) => {}
     }
     Ok((head, told))
+}
+
+fn altered(lines: &[usize]) -> String {
+    if let [line] = lines {
+        return format!("line {line} of the audit trail is not as it was written");
+    }
+    let numbers: Vec<String> = lines.iter().take(NUMBERS).map(ToString::to_string).collect();
+    let more = if lines.len() > NUMBERS { format!(" and {} more", lines.len() - NUMBERS) } else { String::new() };
+    format!("lines {}{more} of the audit trail are not as they were written", numbers.join(", "))
 }
 
 /// What is left of a line that was being written when a server died stays a line of its own.
@@ -194,12 +222,72 @@ mod tests {
         // A server died in the middle of a line, or between the line and the other file.
         std::fs::write(&path, format!("{text}{}", &text[..40])).unwrap();
         std::fs::write(&head, format!("{{\"lines\":3,\"chain\":\"{}\"}}", latest[1].chain)).unwrap();
-        drop(Audit::open(folder.path()).unwrap());
         assert_eq!(wrong(), ["line 5 of the audit trail is not as it was written"]);
+        drop(Audit::open(folder.path()).unwrap());
+        assert_eq!(wrong(), [""; 0]);
         std::fs::write(&path, &text).unwrap();
         std::fs::write(&head, format!("{{\"lines\":3,\"chain\":\"{}\"}}", latest[1].chain)).unwrap();
         assert_eq!(wrong(), [""; 0]);
         std::fs::remove_file(&head).unwrap();
         assert_eq!(wrong(), ["expected audit.head.json beside the audit trail, found none: whether its end is there is not known"]);
+    }
+
+    #[test]
+    fn an_altered_line_is_told_once_and_another_one_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(FILE);
+        let audit = Audit::open(folder.path()).unwrap();
+        for what in ["first", "second"] {
+            audit.write(("ann", "127.0.0.1"), what, "200").unwrap();
+        }
+        drop(audit);
+        let told = || -> Vec<String> {
+            let deeds = Audit::open(folder.path()).unwrap().latest(99).unwrap();
+            deeds.into_iter().filter(|deed| deed.who == SERVER).map(|deed| deed.outcome).collect()
+        };
+        let alter = |from: &str, to: &str| std::fs::write(&path, std::fs::read_to_string(&path).unwrap().replacen(from, to, 1)).unwrap();
+        alter("first", "other");
+        let first = "line 1 of the audit trail is not as it was written";
+        assert_eq!((told(), told(), told()), (vec![first.to_owned()], vec![first.to_owned()], vec![first.to_owned()]));
+        alter("second", "another");
+        let both = "lines 1, 2 of the audit trail are not as they were written";
+        assert_eq!((told(), told()), (vec![first.to_owned(), both.to_owned()], vec![first.to_owned(), both.to_owned()]));
+    }
+
+    #[test]
+    fn a_letter_torn_in_the_middle_does_not_keep_the_server_from_starting() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(FILE);
+        Audit::open(folder.path()).unwrap().write(("ann", "127.0.0.1"), "first", "200").unwrap();
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes.extend(b"{\"who\":\"J\xc3");
+        std::fs::write(&path, &bytes).unwrap();
+        let deeds = Audit::open(folder.path()).unwrap().latest(9).unwrap();
+        let told: Vec<&str> = deeds.iter().map(|deed| deed.outcome.as_str()).collect();
+        assert_eq!(told, ["200", "line 2 of the audit trail is not as it was written"]);
+        assert_eq!(check(&path).unwrap().1, [""; 0]);
+    }
+
+    #[test]
+    fn a_damaged_head_is_told_like_a_missing_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, head) = (folder.path().join(FILE), folder.path().join(HEAD));
+        Audit::open(folder.path()).unwrap().write(("ann", "127.0.0.1"), "first", "200").unwrap();
+        for damaged in [&b""[..], b"{\"lines\":", b"{}", b"\xff"] {
+            std::fs::write(&head, damaged).unwrap();
+            let deeds = Audit::open(folder.path()).unwrap().latest(1).unwrap();
+            let told = &deeds[0].outcome;
+            assert!(told.starts_with("audit.head.json beside the audit trail cannot be understood ("), "{told}");
+            assert!(told.ends_with("): whether the end of the trail is there is not known"), "{told}");
+            assert_eq!(check(&path).unwrap().1, [""; 0]);
+        }
+        // Who empties the trail and damages the file beside it is told of, too.
+        std::fs::write(&path, "").unwrap();
+        std::fs::write(&head, "{").unwrap();
+        assert_eq!(check(&path).unwrap().1.len(), 1);
+        std::fs::remove_file(&head).unwrap();
+        std::fs::create_dir(&head).unwrap();
+        let wrong = check(&path).unwrap().1;
+        assert!(wrong.len() == 1 && wrong[0].starts_with("audit.head.json beside the audit trail cannot be read ("), "{wrong:?}");
     }
 }

@@ -230,7 +230,7 @@ fn quirks_are_checked_against_what_the_model_has_and_a_logger_against_its_inputs
     for (more, message) in [
         (
             "[simulation.quirks.scope]\npage_byte = 1",
-            "rigol-dho800: quirk page_byte: expected one of echo, min_gap, first_answer, late_end, digits, second_client, page_points, sticky_transfer, stop_delay, flash, double_end, block_prefix, found `page_byte`",
+            "rigol-dho800: quirk page_byte: expected one of echo, min_gap, first_answer, late_end, digits, second_client, page_points, sticky_transfer, stop_delay, busy_opc, unit_after_probe, flash, double_end, block_prefix, found `page_byte`",
         ),
         ("[simulation.quirks.logger]\nunit = \"R\"", "siglent-sdm3065x: quirk unit: expected one of C, F, K, found `R`"),
         ("[simulation.quirks.load]\nclamps = 1", "rigol-dl3000: quirk clamps: expected true or false, found 1"),

@@ -37,22 +37,18 @@ pub struct Wave {
 }
 
 impl Wave {
-    /// A wave whose name ends in a digit that follows from its shape, so that no more than sixteen of a kind are ever kept by an instrument that has no command to
-    /// forget one (of the SDG none is known). A name that is there already is overwritten; two shapes in a row mostly have two names. That it is this shape which
-    /// plays no name can say: the record of the current does.
+    /// A wave whose name ends in a digest of its shape: an instrument that plays a wave of that name plays this shape, not one that was loaded before it. `kind`
+    /// has at most four letters, for names of twelve characters are all that a 33500B takes. Names are not used again for another shape, although no command is
+    /// known by which an SDG forgets one: were the upload lost, the old shape would play under the new amplitude.
     pub fn named(kind: &str, steps: Vec<f64>, freq: Hertz, (amplitude, offset): (Volts, Volts)) -> Self {
-        Self { name: format!("{kind}{:x}", digest(&steps) % WAVES_OF_A_KIND), steps, freq, amplitude, offset }
+        Self { name: format!("{kind}{:08x}", digest(&steps)), steps, freq, amplitude, offset }
     }
 }
 
-/// Names of waves of one kind.
-const WAVES_OF_A_KIND: u32 = 16;
-
-/// FNV-1a of the numbers' bits, its upper half folded onto the lower one.
+/// FNV-1a of the numbers' bits.
 fn digest(steps: &[f64]) -> u32 {
     let bytes = steps.iter().flat_map(|step| step.to_bits().to_le_bytes());
-    let digest = bytes.fold(0x811c_9dc5_u32, |digest, byte| (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193));
-    (digest >> 16) ^ (digest & 0xffff)
+    bytes.fold(0x811c_9dc5, |digest, byte| (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193))
 }
 
 /// What a model can do.

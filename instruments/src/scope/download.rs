@@ -34,6 +34,7 @@ impl Instrument<dyn Dialect> {
         let mut whole = self.transfer(channel, (1, in_memory)).await?;
         whole.codes = whole.codes.into_iter().step_by(usize::try_from(stride).unwrap_or(usize::MAX)).collect();
         whole.interval_s *= stride as f64;
+        whole.thinned_here = stride > 1;
         Ok(whole)
     }
 
@@ -46,11 +47,15 @@ impl Instrument<dyn Dialect> {
         if !self.dialect.capabilities().thins_out {
             return Ok(None);
         }
-        let in_memory = self.points_in_memory().await?;
+        let in_memory = match self.points_in_memory().await {
+            Ok(in_memory) => in_memory,
+            Err(LinkError::Unexpected { .. }) => return Ok(None),
+            Err(error) => return Err(error),
+        };
         let stride = stride_of(in_memory, points);
         match play(&mut self.link, &self.dialect.script(&Intent::Transfer { channel, stride })).await {
             Ok(()) => Ok(Some(Chosen { channel, stride, in_memory })),
-            Err(LinkError::ReadBack { .. }) => Ok(None),
+            Err(LinkError::ReadBack { .. } | LinkError::Unexpected { .. }) => Ok(None),
             Err(error) => Err(error),
         }
     }
@@ -82,7 +87,8 @@ impl Instrument<dyn Dialect> {
         let in_memory = before.preamble.points;
         let stride = stride_of(in_memory, points);
         let whole = before.codes.len() as u64 >= in_memory.div_ceil(stride);
-        if !(self.dialect.capabilities().thins_out && whole) {
+        // What was thinned out here left the scope at another stride and page.
+        if !(self.dialect.capabilities().thins_out && whole && !before.thinned_here) {
             return self.download(channel, points).await;
         }
         let script = self.dialect.beside(channel, stride);
@@ -112,7 +118,7 @@ impl Instrument<dyn Dialect> {
             codes.extend(self.page(start, total).await?);
         }
         codes.truncate(usize::try_from(total).unwrap_or(usize::MAX));
-        Ok(Waveform { channel, codes, preamble, interval_s: preamble.interval_s * stride as f64 })
+        Ok(Waveform { channel, codes, preamble, interval_s: preamble.interval_s * stride as f64, thinned_here: false })
     }
 
     /// The descriptor of the chosen channel; where it does not tell the points, the record has those of the memory.

@@ -171,6 +171,8 @@ pub struct Waveform {
     pub preamble: Preamble,
     /// Time between two of these codes, s.
     pub interval_s: f64,
+    /// The record came whole, and codes were left out after it had come.
+    pub thinned_here: bool,
 }
 
 impl Waveform {

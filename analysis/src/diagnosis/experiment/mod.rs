@@ -76,9 +76,11 @@ impl Planner<'_> {
     }
 
     /// The best of some items, and what none of them would tell.
-    fn choose(&mut self, items: Vec<MenuItem>, desk: &mut Desk) -> Advice {
+    fn choose(&mut self, items: Vec<MenuItem>, others: Vec<MenuItem>, desk: &mut Desk) -> Advice {
         let mut all: Vec<Rated> = items.into_iter().filter_map(|item| self.rated(item, 1, desk)).collect();
-        let thens: Vec<&[f64]> = all.iter().map(|r| r.then.as_slice()).collect();
+        // What cannot be played here, or not any more, would tell all the same.
+        let elsewhere: Vec<Rated> = others.into_iter().filter_map(|item| self.rated(item, 1, desk)).collect();
+        let thens: Vec<&[f64]> = all.iter().chain(&elsewhere).map(|r| r.then.as_slice()).collect();
         let inseparable = self.open.leave_out(&thens, MOST_TIMES);
         all.sort_by(|a, b| self.order(a, b));
         let mut best: Vec<Rated> = all.iter().take(REFINED).filter_map(|first| self.repeated(first, desk)).collect();
@@ -169,9 +171,9 @@ pub(super) fn recommend(
         let next = sentinel_repeat(&campaign).filter(|item| planner.allowed(item)).map(|item| told(item, Vec::new(), (0.0, 0.0), false));
         return Advice { next, inseparable: Vec::new() };
     }
-    let mut items: Vec<MenuItem> = menu(&campaign).into_iter().filter(|item| planner.allowed(item)).collect();
+    let (mut items, others): (Vec<MenuItem>, Vec<MenuItem>) = menu(&campaign).into_iter().partition(|item| planner.allowed(item));
     items.dedup_by(|later, first| later.name == first.name);
-    planner.choose(items, &mut desk)
+    planner.choose(items, others, &mut desk)
 }
 
 fn told(item: MenuItem, separates: Vec<&'static str>, (then, now): (f64, f64), settles: bool) -> Recommended {

@@ -110,6 +110,8 @@ impl Session {
         // Nothing may be written into the folder from here on.
         logging::log_off();
         if let Some(rc) = experiment.diagnosed_rc {
+            // A process that dies meanwhile leaves a whole run.
+            sums::write(folder)?;
             finished.summary.push_str(&diagnose::of_run(folder, rc));
         }
         sums::write(folder)?;

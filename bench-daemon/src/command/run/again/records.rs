@@ -113,7 +113,12 @@ impl Recorded {
             (Commanded::Wave { sent_s, step_s }, Through::Wave { step_s: planned_s, .. }) => {
                 let capture = self.frame(frames.trace, "wave")?;
                 let found = frames.of_wave(&capture, (*sent_s, *step_s), planned_s);
-                found.map_err(|error| self.failed(&error.to_string()))
+                match &found.1.missing {
+                    Some((expected, measured)) => {
+                        Err(self.failed(&format!("{}: expected {expected}, found {measured}", frames.trace.name)))
+                    }
+                    None => Ok(found),
+                }
             }
             (Commanded::Steps(steps), Through::Bipolar) => {
                 let mut all = RecordedTrace::default();
