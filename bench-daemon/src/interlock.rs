@@ -54,7 +54,7 @@ pub struct Reading {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Trip {
     /// A quantity that left its limits.
-    #[error("{what} {value:.4} {unit} left its limits ({}) at {time_s:.1} s", between(*least, *greatest, unit))]
+    #[error("{what} {value:.4} {unit} left its limits ({}{}) at {time_s:.1} s", between(*least, *greatest, unit), set_by(what))]
     Limit {
         /// The quantity.
         what: &'static str,
@@ -88,6 +88,14 @@ fn between(least: f64, greatest: f64, unit: &str) -> String {
     }
 }
 
+/// Where limits come from that stand in no file as they are.
+fn set_by(what: &str) -> &'static str {
+    match what {
+        NET_CHARGE => "; from charge_max and charge_drift_max of the cell file, shares of its capacity",
+        _ => "",
+    }
+}
+
 impl Trip {
     /// The same in words that fit a control in the place of the cell.
     #[must_use]
@@ -104,6 +112,7 @@ impl Trip {
 /// Greatest voltage across a control, V: what the leads drop besides, where the supply itself is the voltmeter, included.
 const CONTROL_V: f64 = 1.0;
 const CELL_VOLTAGE: &str = "cell voltage";
+const NET_CHARGE: &str = "net charge of the step";
 /// What a meter may show where nothing flows, A: its zero error.
 pub const NO_CURRENT_A: f64 = 0.1;
 /// Share of the current limits that a meter's own error may add.
@@ -144,6 +153,14 @@ mod tests {
             let trip = judge(&LIMITS, &reading).map(|trip| trip.to_string()).unwrap_or_default();
             assert!(trip.starts_with(text), "{trip}");
         }
+    }
+
+    #[test]
+    fn a_net_charge_names_the_fields_that_bound_it() {
+        let trip = Trip::Limit { what: NET_CHARGE, value: 325.0, unit: "C", least: -162.0, greatest: 324.0, time_s: 12.0 };
+        let text = "net charge of the step 325.0000 C left its limits (-162 C to 324 C; from charge_max and charge_drift_max of the cell file, \
+                    shares of its capacity) at 12.0 s";
+        assert_eq!(trip.to_string(), text);
     }
 
     #[test]

@@ -32,6 +32,7 @@ use crate::{
     executor::SweepPoint,
     interlock::Reading,
     journal::{Entry, Journal, JournalError, PointDone},
+    present::quoted,
 };
 
 /// The index of sweeps and traces.
@@ -67,7 +68,7 @@ pub enum RecordError {
         found: String,
     },
     /// The folder is already in use.
-    #[error("{path}: expected a new or empty folder, found files in it; choose another with --out, or go on with that run: `eis-bench resume {path}`", path = path.display())]
+    #[error("{path}: expected a new or empty folder, found files in it; choose another with --out, or go on with that run: `eis-bench resume {pasted}`", path = path.display(), pasted = quoted(path))]
     NotEmpty {
         /// The folder.
         path: PathBuf,

@@ -10,8 +10,9 @@
 //!
 //! Where fields are not separated by commas, a comma in a number is a decimal point, and all numbers that are read have the same mark.
 //!
-//! A minus before the name of the imaginary part is taken for what it says. A row of units under the names is passed over; the table ends with the first
-//! row that is none. Rows at 0 Hz, by which EC-Lab marks direct current, are left out. What follows a mark of an aborted measurement is not read.
+//! A minus before the name of the imaginary part is taken for what it says. A row of units under the names is passed over, and so are blank lines; the
+//! table ends with a line of text behind which no row follows: one in the midst of the rows is refused. Rows at 0 Hz, by which EC-Lab marks direct
+//! current, are left out. What follows a mark of an aborted measurement is not read.
 
 use super::error::FormatError;
 use super::text::{self, shorten};
@@ -22,6 +23,8 @@ use std::path::Path;
 
 /// Lines between names and numbers, at most.
 const UNITS: usize = 3;
+/// By which Gamry marks a measurement that was aborted.
+const ABORTED: &str = "EXPERIMENTABORTED";
 
 /// How an impedance is written.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,16 +71,6 @@ fn read(path: &Path, lines: &[&str], header: usize, columns: &Columns) -> Result
     for (at, line) in lines.iter().enumerate().skip(header + 1) {
         let fields = fields(line, columns.separator);
         let number = |column: usize| fields.get(column).and_then(|field| text::number(field, columns.separator));
-        let Some(freq_hz) = number(columns.freq) else {
-            if rows == 0 && at <= header + UNITS {
-                continue;
-            }
-            break;
-        };
-        rows += 1;
-        if freq_hz == 0.0 {
-            continue;
-        }
         let wrong = |column: usize, name, expected| FormatError::Field {
             file: path.to_owned(),
             line: at + 1,
@@ -86,6 +79,22 @@ fn read(path: &Path, lines: &[&str], header: usize, columns: &Columns) -> Result
             expected,
             met: fields.get(column).map_or_else(|| "the end of the line".to_owned(), |field| shorten(field).trim_matches('"').to_owned()),
         };
+        let Some(freq_hz) = number(columns.freq) else {
+            let expected = "a frequency in Hz, or no further rows behind the end of the table";
+            match told(line, columns) {
+                Told::Nothing => continue,
+                // A frequency that is none, before numbers.
+                Told::Row => return Err(wrong(columns.freq, "frequency", "a positive finite frequency in Hz")),
+                Told::Text if rows == 0 && at <= header + UNITS => continue,
+                Told::Aborted => break,
+                Told::Text if goes_on(&lines[at + 1..], columns) => return Err(wrong(columns.freq, "frequency", expected)),
+                Told::Text => break,
+            }
+        };
+        rows += 1;
+        if freq_hz == 0.0 {
+            continue;
+        }
         for column in columns.read() {
             let Some(found) = fields.get(column).and_then(|field| text::mark(field, columns.separator)) else { continue };
             if *mark.get_or_insert(found) != found {
@@ -124,6 +133,42 @@ fn read(path: &Path, lines: &[&str], header: usize, columns: &Columns) -> Result
         SourcedSpectrum { origin: Origin { repeat: cycle.filter(|_| several), ..Origin::default() }, spectrum: Spectrum { name, points } }
     };
     Ok(groups.into_iter().map(finish).collect())
+}
+
+/// What a line without a frequency is.
+enum Told {
+    /// A blank one.
+    Nothing,
+    /// A row but for its frequency.
+    Row,
+    /// What follows is not to be read.
+    Aborted,
+    /// Units, or whatever comes behind the table.
+    Text,
+}
+
+fn told(line: &str, columns: &Columns) -> Told {
+    let [_, a, b] = numbers(line, columns);
+    if fields(line, columns.separator).iter().all(|field| field.is_empty()) {
+        Told::Nothing
+    } else if a && b {
+        Told::Row
+    } else if line.trim_start().starts_with(ABORTED) {
+        Told::Aborted
+    } else {
+        Told::Text
+    }
+}
+
+/// Whether rows of the table follow, up to a mark of an aborted measurement.
+fn goes_on(lines: &[&str], columns: &Columns) -> bool {
+    lines.iter().take_while(|line| !line.trim_start().starts_with(ABORTED)).any(|line| numbers(line, columns) == [true; 3])
+}
+
+/// Which of the columns that are read hold a number.
+fn numbers(line: &str, columns: &Columns) -> [bool; 3] {
+    let fields = fields(line, columns.separator);
+    columns.read().map(|column| fields.get(column).is_some_and(|field| text::number(field, columns.separator).is_some()))
 }
 
 fn fields(line: &str, separator: char) -> Vec<&str> {
@@ -258,6 +303,24 @@ mod tests {
             said("Freq(Hz)\tZ'(a)\tZ''(b)\n1\t2\n"),
             "x.z, line 2, column 3 (Im Z): expected a finite number in Ω, met \"the end of the line\""
         );
+        let header = "Freq(Hz)\tZ'(a)\tZ''(b)\n";
+        for (rows, place) in [
+            (
+                "Hz\tOhm\tOhm\n1\t2\t3\n1O\t2\t3\n4\t2\t3\n",
+                "line 4, column 1 (frequency): expected a positive finite frequency in Hz, met \"1O\"",
+            ),
+            ("1.000,5\t2\t3\n4\t2\t3\n", "line 2, column 1 (frequency): expected a positive finite frequency in Hz, met \"1.000,5\""),
+            (
+                "1\t2\t3\nnote\n4\t2\t3\n",
+                "line 3, column 1 (frequency): expected a frequency in Hz, or no further rows behind the end of the table, met \"note\"",
+            ),
+        ] {
+            assert_eq!(said(&format!("{header}{rows}")), format!("x.z, {place}"));
+        }
+        for rows in ["1\t2\t3\n\n4\t2\t3\nend\n", "1\t2\t3\n\t\t\n4\t2\t3\nEXPERIMENTABORTED\tTOGGLE\tT\n7\t2\t3\n"] {
+            std::fs::write(&path, format!("{header}{rows}")).unwrap();
+            assert_eq!(read_spectra(&path).unwrap().remove(0).points.len(), 2, "{rows}");
+        }
         let empty = "x.z: expected at least one line with a frequency and an impedance, met the names of columns and no row of numbers";
         assert_eq!(said("Freq(Hz)\tZ'(a)\tZ''(b)\n"), empty);
     }

@@ -21,13 +21,13 @@ use crate::{
     config::{self, Source, load_any_bench},
     custody::Custody,
     doctor::{self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report, Verdict},
-    guardian::Charge,
+    guardian::{Charge, GuardianError},
     hash,
     operator::Operator,
     plan::{Plan, fixture_name},
     progress::Progress,
     sim::Simulation,
-    state::{self, State},
+    state::{self, Lock, State},
     survey::Any,
     terminal::{remark, say},
 };
@@ -116,10 +116,18 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
     }
     .sealed();
     doctor::write(&report, &folder)?;
-    if let Some(state) = State::of(&config)? {
-        state.json(REPORT, &report)?;
-    }
+    keep(&report, &config)?;
     tell(&report, &folder, args.json)
+}
+
+/// Keeps the report for the runs to come. One that came no further than the machine says nothing of the bench: the report before it stands.
+fn keep(report: &Report, config: &config::Bench) -> Result<(), Failure> {
+    let Some(state) = State::of(config)? else { return Ok(()) };
+    if report.instruments.is_empty() {
+        remark!("no instrument was asked: what the doctor has found of this bench before stands");
+        return Ok(());
+    }
+    Ok(state.json(REPORT, report)?)
 }
 
 /// Nobody is to be surprised by a current.
@@ -164,6 +172,15 @@ fn tell(report: &Report, folder: &Path, json: bool) -> Result<(), Failure> {
     if failed.is_empty() { Ok(()) } else { Err(Failure::Doctor(failed.join(", "))) }
 }
 
+/// The checks of the guardian.
+const GUARDIAN: [&str; 2] = ["guardian.start", "guardian.lease"];
+
+/// Skips what is not done after a check that failed.
+fn not_after<'a>(findings: &mut Findings, ids: impl IntoIterator<Item = &'a str>) {
+    let why = format!("not after {}", findings.stopped().unwrap_or_default());
+    findings.skip(&ids.into_iter().collect::<Vec<_>>(), &why, "");
+}
+
 struct Visit<'a> {
     config: &'a config::Bench,
     clock: Clock,
@@ -175,8 +192,14 @@ struct Visit<'a> {
 
 impl Visit<'_> {
     async fn go(self) -> Result<(Findings, Vec<Instrument>), Failure> {
+        doctor::free(self.config, &self.clock).await?;
         let mut findings = Findings::default();
         doctor::machine(&mut findings, (self.config, &self.clock), self.folder).await;
+        if findings.stopped().is_some() {
+            self.unasked(&mut findings);
+            return Ok((findings, Vec::new()));
+        }
+        let lock = self.lock()?;
         let hub = MemoryHub::new();
         let simulation = self.config.simulation.as_ref().filter(|_| self.config.in_process());
         let simulation = simulation.map(|section| Simulation::new(&section.scenario, 0)).transpose()?;
@@ -185,10 +208,10 @@ impl Visit<'_> {
         }
         let connections = Connections { clock: self.clock.clone(), hub, taps: BTreeMap::new() };
         let instruments = self.reach(&mut findings, &connections).await;
+        // The custody takes it again, with a guardian beside it.
+        drop(lock);
         if findings.stopped().is_some() {
-            let ids: Vec<&str> = doctor::LIVE.into_iter().chain(["guardian.start", "guardian.lease"]).collect();
-            let why = format!("not after {}", findings.stopped().unwrap_or_default());
-            findings.skip(&ids, &why, "");
+            not_after(&mut findings, doctor::LIVE.into_iter().chain(GUARDIAN));
             return Ok((findings, instruments));
         }
         let mut findings = self.guarded(findings, &connections).await?;
@@ -197,13 +220,22 @@ impl Visit<'_> {
             Some(fixture) if findings.stopped().is_none() => {
                 doctor::lease(&mut findings, (self.config, &self.clock), self.folder, fixture).await;
             }
-            Some(_) => {
-                let why = format!("not after {}", findings.stopped().unwrap_or_default());
-                findings.skip(&["guardian.lease"], &why, "");
-            }
+            Some(_) => not_after(&mut findings, ["guardian.lease"]),
             None => findings.skip(&["guardian.lease"], "no fixture in the jig", "give --fixture"),
         }
         Ok((findings, instruments))
+    }
+
+    /// Nobody is asked on a bench that is latched, or whose report could not be written.
+    fn unasked(&self, findings: &mut Findings) {
+        let reach: Vec<String> = self.config.instruments.addressed().iter().map(|(role, _)| format!("reach.{role}")).collect();
+        not_after(findings, reach.iter().map(String::as_str).chain(doctor::LIVE).chain(GUARDIAN));
+    }
+
+    /// Nobody begins a run while the instruments are being asked.
+    fn lock(&self) -> Result<Option<Lock>, Failure> {
+        let Some(state) = State::of(self.config)? else { return Ok(None) };
+        Ok(Some(state.lock(&std::path::absolute(self.folder)?)?))
     }
 
     /// Each instrument by itself, so that one that is silent does not hide the others.
@@ -253,6 +285,8 @@ impl Visit<'_> {
                 }
                 custody
             }
+            // Somebody has the bench, or a person has to look at it first: that is no fault that a report is to remember.
+            Err(failure @ (Failure::State(_) | Failure::Guardian(GuardianError::Busy(_)))) => return Err(failure),
             Err(failure) => {
                 findings.judge("guardian.start", (expected, failure.to_string()), false, "nothing may be energised without it");
                 findings.stop();

@@ -18,6 +18,7 @@ use crate::{
     cli::IdentifyArgs,
     command::Failure,
     config::{self, load_any_bench},
+    doctor,
     sim::Simulation,
     survey::{Any, Known, Said},
 };
@@ -49,7 +50,8 @@ impl Found {
 /// Asks each instrument and prints the answers; one that is silent does not keep the others from being asked.
 ///
 /// # Errors
-/// A mistake in a file; after all were asked, an instrument that does not answer or is of no known model.
+/// A mistake in a file; a bench that somebody runs, of which nobody is asked; after all were asked, an instrument that does not answer or is of no known
+/// model.
 pub fn identify(args: &IdentifyArgs) -> Result<(), Failure> {
     let mut found = Vec::new();
     for of in &args.of {
@@ -81,6 +83,7 @@ fn bench(config: &config::Bench, quiet: bool) -> Result<Vec<Found>, Failure> {
     let mode = if in_process { TimeMode::Virtual } else { config.time() };
     Clock::runtime(mode)?.block_on(async {
         let clock = Clock::start(mode);
+        doctor::free(config, &clock).await?;
         let hub = MemoryHub::new();
         let simulation = config.simulation.as_ref().filter(|_| in_process);
         let simulation = simulation.map(|section| Simulation::new(&section.scenario, 0)).transpose()?;

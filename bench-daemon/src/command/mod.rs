@@ -34,10 +34,20 @@ pub mod token;
 pub mod verify;
 pub mod wish;
 
+use std::path::Path;
+
 use crate::{
-    bench::BenchError, config::ConfigError, executor::ExecuteError, guardian::GuardianError, plan::PlanError, record::RecordError,
-    sim::SimError, state::StateError, sums::SumsError,
+    bench::BenchError, config::ConfigError, executor::ExecuteError, guardian::GuardianError, plan::PlanError, present::quoted,
+    record::RecordError, sim::SimError, state::StateError, sums::SumsError,
 };
+
+/// A path as a person pastes it into a shell: no way that goes up and down again, and short where it lies below the folder of this process.
+pub(crate) fn pasted(path: &Path) -> String {
+    let whole = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let here = std::env::current_dir().and_then(std::fs::canonicalize).ok();
+    let short = here.and_then(|here| whole.strip_prefix(here).ok().map(Path::to_owned));
+    quoted(&short.filter(|short| !short.as_os_str().is_empty()).unwrap_or(whole))
+}
 
 /// Why a command ended without its result.
 #[derive(Debug, thiserror::Error)]
@@ -80,7 +90,10 @@ pub enum Failure {
     #[error("the doctor found what must be mended first: {0}")]
     Doctor(String),
     /// Ctrl-C, or another request to stop.
-    #[error("stopped on request; the bench is in safe state, finished points are in {0}, and `eis-bench resume {0}` goes on")]
+    #[error(
+        "stopped on request; the bench is in safe state, finished points are in {folder}, and `eis-bench resume {folder}` goes on",
+        folder = pasted(Path::new(.0))
+    )]
     Interrupted(String),
     /// A mistake of the program.
     #[error("a mistake of the program ended the run, please report it: {0}")]

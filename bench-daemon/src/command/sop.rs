@@ -52,7 +52,7 @@ pub struct SopArgs {
     /// States of charge: a list with commas, or a range 0.1..0.9 in steps of 0.1, or 0.1..0.9:0.05.
     #[arg(long, value_name = "LIST", conflicts_with = "ocv_v", required_unless_present = "ocv_v")]
     pub soc: Option<String>,
-    /// Open-circuit voltage of a cell, V, which then stays as it is.
+    /// Open-circuit voltage of a cell, V, between --v-min and --v-max, which then stays as it is.
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub ocv_v: Option<f64>,
     /// Lowest voltage of a cell, V.
@@ -108,6 +108,7 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
     let model = files::sim_model(&file, ocv, pack)?;
     let window = CellWindow { low_v: args.v_min, high_v: args.v_max };
     analysis::pack::check_window((window.low_v, window.high_v)).map_err(|error| usage(&error))?;
+    args.ocv_v.map_or(Ok(()), |ocv_v| check_ocv(ocv_v, &window, &file))?;
     let currents =
         CurrentLimits { discharge_a: args.max_discharge_a.unwrap_or(f64::INFINITY), charge_a: args.max_charge_a.unwrap_or(f64::INFINITY) };
     let options = SopOptions { window, currents, ..SopOptions::default() };
@@ -131,6 +132,17 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
         say!("written to {}", out.display());
     }
     Ok(())
+}
+
+/// A cell at rest is within the voltages that it may have, and on the model's curve, where there is one.
+fn check_ocv(ocv_v: f64, window: &CellWindow, file: &ModelFile) -> Result<(), Failure> {
+    let within = |(low_v, high_v): (f64, f64), what: &str| {
+        let text = || format!("--ocv-v: expected the voltage of a cell at rest, {low_v} to {high_v} V by {what}, found {ocv_v} V");
+        if (low_v..=high_v).contains(&ocv_v) { Ok(()) } else { Err(Failure::Usage(text())) }
+    };
+    within((window.low_v, window.high_v), "--v-min and --v-max")?;
+    let ends = file.ocv.as_ref().and_then(|curve| Some((*curve.ocv_v.first()?, *curve.ocv_v.last()?)));
+    ends.map_or(Ok(()), |ends| within(ends, "the model's OCV curve"))
 }
 
 /// What would mislead if it were not said.

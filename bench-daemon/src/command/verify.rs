@@ -44,7 +44,9 @@ pub fn verify(args: &VerifyArgs) -> Result<(), Failure> {
 
 fn of_run(folder: &Path) -> Result<bool, Failure> {
     let name = folder.display();
+    // A report is written at the end: where there is one, it must follow from the captures, whatever the journal says of the end.
     if !folder.join(SUMS).exists()
+        && !folder.join("report.html").exists()
         && let Some(how) = Recorded::read(folder)?.stopped()
     {
         say!("{name}: the run was stopped ({how}): no report, no {SUMS}; only its captures can be held against its journal");
@@ -58,7 +60,7 @@ fn of_run(folder: &Path) -> Result<bool, Failure> {
         say!("{name}: {files} files held against {SUMS}: {}", counted(altered.len(), "as they were", "altered"));
         altered
     } else {
-        say!("{name}: no {SUMS}, though the run came to its end");
+        say!("{name}: no {SUMS}, though the run came to its end or wrote a report");
         vec![Altered { file: SUMS.to_owned(), what: "missing".to_owned() }]
     };
     altered.iter().for_each(|one| say!("  {}: {}", one.file, one.what));
@@ -115,6 +117,9 @@ fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
     say!("{}: {}{} files recomputed from captures: {numbers}", folder.display(), counts(known.len(), &beside), files.len());
     for file in &beside.as_read {
         say!("  {file}: its rows are what meters said, and no capture tells them anew: held against its hash");
+    }
+    for file in &beside.uncommanded {
+        say!("  {file}: recorded by a version that did not write down what was commanded: held against its hash alone");
     }
     if !differences.is_empty() && recorded.version() != env!("CARGO_PKG_VERSION") {
         say!("  recorded by version {}, recomputed by {}", recorded.version(), env!("CARGO_PKG_VERSION"));

@@ -6,7 +6,7 @@ use clap::Args;
 
 use crate::terminal::say;
 use crate::{
-    command::{Failure, run::begun_experiment},
+    command::{Failure, pasted, run::begun_experiment},
     config,
     journal::{self, Entry, Line},
     procedure,
@@ -43,7 +43,7 @@ pub fn wish(args: &FolderArgs, course: Course) -> Result<(), Failure> {
         match course {
             Course::Pause => "pauses at the next point, every output off; `eis-bench go-on` lets it go on",
             Course::GoOn => "goes on",
-            Course::Abort => "ends at the next point, in safe state; `eis-bench resume` can take it up again",
+            Course::Abort => "ends at the next point, in safe state, if a point is left; then `eis-bench resume` can take it up again",
         }
     );
     Ok(())
@@ -134,13 +134,13 @@ fn unheard(folder: &Path, story: &Story, lines: &[Line]) -> String {
          `eis-bench resume {}` goes on with it",
         story.last_s,
         last.unwrap_or("none"),
-        crate::present::quoted(folder)
+        pasted(folder)
     )
 }
 
 /// What a run has left its bench in, by what is written down of it.
 fn left(bench: &config::Bench) -> String {
-    let safe = format!("`eis-bench safe {}` switches off at any time", bench.path.display());
+    let safe = format!("`eis-bench safe {}` switches off at any time", pasted(&bench.path));
     match State::of(bench).and_then(|state| state.map_or(Ok(None), |state| Ok(Some((state.latched()?, state.open_run()?))))) {
         Ok(Some((Some(cause), _))) => format!("its bench is latched: {cause}; {safe}"),
         Ok(Some((None, Some(_)))) => format!("nobody has verified yet that its bench is off: {safe}"),

@@ -83,8 +83,12 @@ impl Check<'_> {
             if cell.name.is_empty() || !cell.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-') {
                 return Err(self.complain(&field("name"), format!("expected a name of letters, digits and `-`, found {:?}", cell.name)));
             }
-            if cells.iter().any(|known| known.name.eq_ignore_ascii_case(&cell.name)) {
-                return Err(self.complain(&field("name"), format!("expected names that differ, found {:?} twice", cell.name)));
+            if let Some(known) = cells.iter().find(|known| known.name.eq_ignore_ascii_case(&cell.name)) {
+                return Err(self.complain(&field("name"), same_name(&known.name, &cell.name)));
+            }
+            if let Some((known, serial)) = same_serial(&cells, cell.serial.as_deref()) {
+                let reason = format!("expected serial numbers that differ, found {serial:?} for {} and {}", known.name, cell.name);
+                return Err(self.complain(&field("serial"), reason));
             }
             cells.push(Arc::new(Specimen { number: index + 1, name: cell.name.clone(), serial: cell.serial.clone() }));
         }
@@ -103,6 +107,21 @@ impl Check<'_> {
         );
         Err(self.complain("campaign.cells", reason))
     }
+}
+
+/// Names that are one for a file system that does not tell capital letters from small ones.
+fn same_name(known: &str, name: &str) -> String {
+    if known == name {
+        return format!("expected names that differ, found {name:?} twice");
+    }
+    format!("expected names that differ in more than capital and small letters, found {known:?} and {name:?}")
+}
+
+/// The cell that has the serial number already.
+fn same_serial<'a, 'b>(cells: &'a [Arc<Specimen>], serial: Option<&'b str>) -> Option<(&'a Specimen, &'b str)> {
+    let serial = serial.map(str::trim).filter(|serial| !serial.is_empty())?;
+    let known = cells.iter().find(|known| known.serial.as_deref().is_some_and(|known| known.trim() == serial))?;
+    Some((known.as_ref(), serial))
 }
 
 #[cfg(test)]

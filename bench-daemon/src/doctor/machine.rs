@@ -6,7 +6,9 @@ use instruments::clock::{self, Clock, TimeMode};
 
 use super::{Findings, Verdict};
 use crate::{
+    command::Failure,
     config,
+    guardian::wait_for_earlier,
     state::{State, StateError},
 };
 
@@ -15,6 +17,17 @@ const ROOM: (f64, f64) = (2.0e9, 1.0e8);
 /// The clock of the bench and the calendar may differ by this much over a short wait, s.
 const DRIFT_S: f64 = 0.05;
 const WAIT_S: f64 = 0.5;
+
+/// Refuses a bench that somebody runs, and waits for a guardian that still switches it off: who asks an instrument empties its error queue, and many
+/// take one client only.
+///
+/// # Errors
+/// [`StateError::Busy`]; a guardian that does not come to an end; a state that cannot be read.
+pub async fn free(config: &config::Bench, clock: &Clock) -> Result<(), Failure> {
+    let Some(state) = State::of(config)? else { return Ok(()) };
+    state.refuse_busy()?;
+    Ok(wait_for_earlier(&state, clock).await?)
+}
 
 /// Checks the machine; none of it touches an instrument.
 pub async fn machine(findings: &mut Findings, (config, clock): (&config::Bench, &Clock), folder: &Path) {

@@ -20,7 +20,7 @@ use ::instruments::{clock::Clock, mock::plant::Fixture};
 pub use findings::{Check, Findings, Verdict};
 pub use instruments::reached;
 pub use lease::{hold, lease};
-pub use machine::machine;
+pub use machine::{free, machine};
 pub use report::{Instrument, Outcome, Report, write};
 pub use standing::{REPORT, standing};
 

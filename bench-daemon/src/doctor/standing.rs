@@ -12,6 +12,8 @@ pub const REPORT: &str = "doctor.json";
 pub fn standing(config: &config::Bench, text: &str, identities: &[Identified]) -> Option<String> {
     let state = State::of(config).ok().flatten()?;
     let path = state.path(REPORT);
+    // A resumed run says the same, however the way to it was typed.
+    let path = path.canonicalize().unwrap_or(path);
     let Ok(found) = std::fs::read_to_string(&path) else {
         return Some("`eis-bench doctor` has never looked at this bench".to_owned());
     };

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use instruments::chiller;
 
-use super::{Limits, Reading, Trip, judge};
+use super::{Limits, NET_CHARGE, Reading, Trip, judge};
 
 /// What the interlock allows beside the limits of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -225,7 +225,7 @@ impl Interlock {
     fn charge(&self, time_s: f64) -> Option<Trip> {
         let (value, (least, greatest)) = (self.charge_c, self.allowance.charge_c);
         let outside = self.allowance.live && !(least..=greatest).contains(&value);
-        outside.then_some(Trip::Limit { what: "net charge of the step", value, unit: "C", least, greatest, time_s })
+        outside.then_some(Trip::Limit { what: NET_CHARGE, value, unit: "C", least, greatest, time_s })
     }
 
     fn frozen(&mut self, reading: &Reading) -> Option<Trip> {

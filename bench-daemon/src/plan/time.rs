@@ -1,16 +1,25 @@
 //! How long a plan takes: as a rule of thumb, and at most.
 
-use super::{Leg, Plan, Step};
+use super::{Leg, Plan, Stage, Step};
 
 /// How often a point is measured again because a channel clipped or was too small.
 pub const MAX_RANGING: usize = 4;
 /// Seconds that setting up and downloading one point takes, as a rule of thumb.
 const OVERHEAD_S: f64 = 2.0;
+/// A wait for a temperature, s: the first of a run takes ten minutes, each after it the minute in which the cell must stay within its band.
+const TEMPER_S: f64 = 180.0;
+/// Share of its upper bound that a discharge or charge of a reset takes: the bound is enough for a whole cell and more, and a reset moves about
+/// a tenth of a cell each way.
+const RESET_SHARE: f64 = 0.055;
 
 impl Plan {
-    /// Expected duration, bench s: the fixed waits whole, the others by a rule of thumb.
+    /// Expected duration, bench s: the fixed waits whole, the others by a rule of thumb. The first attempt of a reset is taken to succeed.
     pub fn expected_s(&self) -> f64 {
-        self.stages.iter().flat_map(|stage| &stage.steps).map(Step::expected_s).sum()
+        let played = |stage: &Stage| {
+            let last = stage.steps.iter().position(|step| matches!(step, Step::Accept { .. }));
+            stage.steps.iter().take(last.unwrap_or(stage.steps.len())).map(Step::expected_s).sum::<f64>()
+        };
+        self.stages.iter().map(played).sum()
     }
 
     /// Longest possible duration, bench s.
@@ -24,9 +33,9 @@ impl Step {
     pub fn expected_s(&self) -> f64 {
         match *self {
             Self::Specimen(..) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => OVERHEAD_S,
-            Self::HoldTemperature { max_s, .. } => 0.2 * max_s,
-            Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } => 0.2 * max_s,
-            Self::Rest { min_s, max_s, .. } => 0.5 * (min_s + max_s),
+            Self::HoldTemperature { max_s, .. } => TEMPER_S.min(max_s),
+            Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } => RESET_SHARE * max_s,
+            Self::Rest { min_s, .. } => min_s,
             Self::Accept { .. } => 0.0,
             Self::Leg(ref leg) => leg.expected_s(),
             Self::Sine { wait_s, .. } => wait_s + OVERHEAD_S,
@@ -53,5 +62,30 @@ impl Step {
             Self::Zero(ref trace) => trace.rest_s + 60.0,
             Self::Trace(ref trace) => trace.length_s() + 60.0,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::{Missed, Purpose};
+
+    #[test]
+    fn a_reset_is_expected_to_succeed_at_once_and_bounded_by_all_its_attempts() {
+        let attempt = |missed| {
+            [
+                Step::Discharge { current_a: 5.0, until_v: 3.52, max_s: 7200.0 },
+                Step::Charge { current_a: 3.0, limit_v: 4.2, until_v: 3.8, max_s: 7200.0 },
+                Step::Rest { min_s: 300.0, max_s: 3600.0, slope_v_per_s: 3.0e-6 },
+                Step::Accept { band_v: (3.7, 3.74), missed },
+            ]
+        };
+        let steps: Vec<Step> = [None, Some(Missed::Flag)].into_iter().flat_map(attempt).collect();
+        let plan = Plan { stages: vec![Stage { purpose: Purpose::SocReset, steps }] };
+        // On the simulated bench a later reset takes 278 s, 456 s and 301 s.
+        assert!((1000.0..1200.0).contains(&plan.expected_s()), "{} s", plan.expected_s());
+        assert_eq!(plan.longest_s(), 2.0 * (7200.0 + 7200.0 + 3600.0));
+        let hold = Step::HoldTemperature { setpoint_c: 25.0, within_k: 0.2, max_s: 60.0 };
+        assert_eq!(hold.expected_s(), 60.0);
     }
 }

@@ -141,6 +141,15 @@ impl TracePlan {
         self.levels.iter().fold((0.0, 0.0), |(least, greatest), level| (level.current_a.min(least), level.current_a.max(greatest)))
     }
 
+    /// The first step that is not zero, and its way, in words: the sign of a file is seen before anything flows.
+    pub(super) fn first_step(&self) -> Option<String> {
+        let level = self.levels.iter().find(|level| level.current_a != 0.0)?;
+        let (value, unit) = level.power_w.map_or((level.current_a, "A"), |power_w| (power_w, "W"));
+        let way = if level.current_a < 0.0 { "out of the cell" } else { "into the cell" };
+        // A scaled or averaged value has more digits than anybody reads.
+        Some(format!("{} {unit} {way}", (1.0e3 * value.abs()).round() / 1.0e3))
+    }
+
     /// Farthest that the charge goes below and above where it starts, C.
     pub fn swing_c(&self) -> (f64, f64) {
         let (mut charge_c, mut least_c, mut greatest_c) = (0.0_f64, 0.0_f64, 0.0_f64);

@@ -80,11 +80,10 @@ impl fmt::Display for Step {
                     Through::LoadAndSupply => "through load and supply".to_owned(),
                 };
                 let averaged = trace.averaged.map_or_else(String::new, |averaged| format!("; {averaged}"));
+                let first = trace.first_step().map_or_else(String::new, |first| format!(", first {first}"));
                 let worst = if trace.levels.iter().any(|level| level.power_w.is_some()) { " at worst, by power" } else { "" };
-                write!(
-                    f,
-                    "trace {name}, repeat {repeat}: {steps} steps from {least_a} A to {greatest_a} A{worst}, {through}, {length}{averaged}"
-                )
+                let steps = format!("{steps} steps from {least_a} A to {greatest_a} A{worst}{first}");
+                write!(f, "trace {name}, repeat {repeat}: {steps}, {through}, {length}{averaged}")
             }
             Self::PowerDown => write!(f, "bipolar supply down"),
         }

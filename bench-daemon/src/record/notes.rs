@@ -6,7 +6,7 @@ use crate::journal::Entry;
 impl Recorder {
     /// Remembers something odd for the report.
     pub fn warning(&mut self, text: &str) {
-        if self.warnings.iter().any(|known| known == text) {
+        if self.warnings.iter().any(|known| odd(known) == odd(text)) {
             return;
         }
         // A folder that cannot be written ends the run at the next record; the warning itself is not worth it.
@@ -40,6 +40,11 @@ impl Recorder {
     }
 }
 
+/// What is odd, without the command that looks at it: a resumed run may spell the path in it another way.
+fn odd(text: &str) -> &str {
+    text.split_once("; `eis-bench ").map_or(text, |(odd, _)| odd)
+}
+
 #[cfg(test)]
 mod tests {
     use instruments::clock::Clock;
@@ -52,10 +57,17 @@ mod tests {
         let clock = Clock::start(instruments::clock::TimeMode::Real);
         let mut recorder = Recorder::create(&folder.path().join("run"), clock).unwrap();
         recorder.warning("of the run");
+        recorder.warning("never looked at; `eis-bench doctor benches/a.toml` looks at it");
+        recorder.warning("never looked at; `eis-bench doctor /srv/benches/a.toml` looks at it");
         for (sweep, freq_hz, text) in [("shunt", 1.0, "odd"), ("shunt", 1.0, "other"), ("cell", 1.0, "odd")] {
             recorder.point_warning(sweep, freq_hz, text);
         }
-        let said = ["shunt, 1.0000 Hz; cell, 1.0000 Hz: odd", "shunt, 1.0000 Hz: other", "of the run"];
+        let said = [
+            "shunt, 1.0000 Hz; cell, 1.0000 Hz: odd",
+            "shunt, 1.0000 Hz: other",
+            "of the run",
+            "never looked at; `eis-bench doctor benches/a.toml` looks at it",
+        ];
         assert_eq!(recorder.warnings(), said);
     }
 }

@@ -20,7 +20,8 @@ pub struct Live {
     pub reading: Option<ReadingNow>,
     /// State of charge, where the cell's open-circuit voltage is known.
     pub soc: Option<Soc>,
-    /// What the reading may be, with the margin left.
+    /// What the reading may be by the limits of the cell, with the margin left. The step in work is judged by limits of its own within these, that of
+    /// current above all: it may trip while there is a margin here.
     pub limits: Vec<Limit>,
     /// The instruments.
     pub instruments: Vec<InstrumentNow>,
@@ -127,7 +128,7 @@ pub struct Soc {
     pub counted_c: f64,
 }
 
-/// One limit.
+/// One limit of the cell.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Limit {
     /// The quantity.
@@ -140,7 +141,7 @@ pub struct Limit {
     pub least: Option<f64>,
     /// Upper limit.
     pub greatest: f64,
-    /// Distance to the nearer of them; negative beyond it.
+    /// Distance to the nearer of them; negative beyond it, none where nothing was read or the reading is not fresh. The step in work is judged tighter.
     pub margin: Option<f64>,
 }
 
@@ -236,10 +237,14 @@ pub struct OutputRead {
 /// The limits of a cell, or of a control in its place, with the margin that a reading leaves.
 pub fn limits(limits: &Limits, cell: bool, reading: &ReadingNow) -> Vec<Limit> {
     let limits = if cell { *limits } else { limits.of_control() };
+    // An old reading leaves no margin: nobody knows how things are.
+    let margin = |value: Option<f64>, least: Option<f64>, greatest: f64| {
+        let value = value.filter(|_| reading.fresh)?;
+        Some(least.map_or(greatest - value, |least| (value - least).min(greatest - value)))
+    };
     let row = |quantity, unit, value: Option<f64>, least: f64, greatest: f64| {
         let least = Some(least).filter(|least| least.is_finite());
-        let margin = value.map(|value| least.map_or(greatest - value, |least| (value - least).min(greatest - value)));
-        Limit { quantity, unit, value, least, greatest, margin }
+        Limit { quantity, unit, value, least, greatest, margin: margin(value, least, greatest) }
     };
     let voltage = if cell { "cell voltage" } else { "voltage across the control" };
     vec![

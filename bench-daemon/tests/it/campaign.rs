@@ -186,7 +186,17 @@ fn the_temperature_is_held_before_the_reset_and_after_it() {
 fn a_campaign_that_cannot_be_is_refused() {
     let refuse = |files: &Files| files.run("refused").expect_code(2).message().to_owned();
     for (from, to, expected) in [
-        ("name = \"B\"", "name = \"a\"", "campaign.cells.2.name: expected names that differ, found \"a\" twice"),
+        ("name = \"B\"", "name = \"A\"", "campaign.cells.2.name: expected names that differ, found \"A\" twice"),
+        (
+            "name = \"B\"",
+            "name = \"a\"",
+            "campaign.cells.2.name: expected names that differ in more than capital and small letters, found \"A\" and \"a\"",
+        ),
+        (
+            "name = \"B\"",
+            "name = \"B\", serial = \"S1\"",
+            "campaign.cells.2.serial: expected serial numbers that differ, found \"S1\" for A and B",
+        ),
         ("name = \"B\"", "name = \"B/\"", "campaign.cells.2.name: expected a name of letters, digits and `-`, found \"B/\""),
         ("repeats = 2", "repeats = 0", "campaign.repeats: expected 1 repeats to 1000 repeats, found 0 repeats"),
         (

@@ -2,7 +2,7 @@
 //! on each time. `EIS_BENCH_CRASHES=all` takes every point; else a share of them, spread over all by a seed.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     io::Write,
     path::{Path, PathBuf},
@@ -31,6 +31,9 @@ const JOURNAL: usize = 4;
 const TWICE: usize = 3;
 /// Crashes at a time; they mostly wait.
 const AT_ONCE: usize = 6;
+/// One of so many kills may be excused by the same text; one may in any drill. A forgotten frame says nothing of the current, and is met in two of eighteen
+/// kills on a busy machine; the other texts are what a fault of the program would say, too.
+const EXCUSED: [usize; 3] = [3, 10, 10];
 /// A correct program fails by chance once in so many drills.
 const BY_CHANCE: f64 = 0.01;
 
@@ -121,35 +124,53 @@ pub(crate) fn spectrum(run: &Path, name: &str) -> Vec<ImpedancePoint> {
 }
 
 /// What a run says on a machine that is too slow for the pace: a simulated scope forgets a frame that is not fetched in time; a wave that is not taken away in
-/// time begins again, and one whose last message was late is not where it is looked for. It has ended in safe state, and goes on like any other.
-pub(crate) fn too_slow(text: &str) -> bool {
-    ["no frame was completed since the scope was armed", ": it began again", "trace jump: expected 0 A, measured "]
-        .iter()
-        .any(|slow| text.contains(slow))
+/// time begins again, and one whose last message was late is not where it is looked for. It has ended in safe state, and goes on like any other. A fault of
+/// the program may say the same, so that [`every`] bounds how often each is heard.
+const TOO_SLOW: [&str; 3] = ["no frame was completed since the scope was armed", ": it began again", "trace jump: expected 0 A, measured "];
+
+/// What became of one kill.
+#[derive(Debug, Default)]
+pub(crate) struct Fate {
+    pub(crate) died: bool,
+    /// What the run was in when it died, where the drill tells that apart.
+    pub(crate) phase: &'static str,
+    /// Of [`TOO_SLOW`].
+    excuses: BTreeSet<&'static str>,
+}
+
+impl Fate {
+    /// A run did not come to its end: it must have an excuse.
+    #[track_caller]
+    pub(crate) fn excuse(&mut self, text: &str, drill: &str) {
+        let excuse = TOO_SLOW.into_iter().find(|slow| text.contains(slow));
+        self.excuses.insert(excuse.unwrap_or_else(|| panic!("{drill}: {text}")));
+    }
 }
 
 /// Goes on until the run is finished.
 #[track_caller]
-fn finish(run: &Path, drill: &str) {
+fn finish(run: &Path, drill: &str, fate: &mut Fate) {
     for _ in 0..5 {
         let ended = resume(run, &[]);
         if ended.code == Some(0) {
             return;
         }
-        assert!(too_slow(ended.message()), "{drill}: {}", ended.stderr);
+        fate.excuse(ended.message(), &format!("{drill}: {}", ended.stderr));
     }
     panic!("{drill}: the machine is too slow for {FACTOR} bench seconds in one");
 }
 
 /// Runs or goes on until it dies at a point; whether it did.
-pub(crate) fn dies(mut command: std::process::Command, drill: &str) -> bool {
+pub(crate) fn dies(mut command: std::process::Command, drill: &str, fate: &mut Fate) -> bool {
     let ended = command.env("EIS_BENCH_DRILL", drill).output().unwrap();
     if std::os::unix::process::ExitStatusExt::signal(&ended.status) == Some(9) {
+        fate.died = true;
         return true;
     }
     // It exchanged less than the undisturbed run: there was nothing to die at.
-    let text = String::from_utf8_lossy(&ended.stderr);
-    assert!(ended.status.code() == Some(0) || too_slow(&text), "{drill}: {text}");
+    if ended.status.code() != Some(0) {
+        fate.excuse(&String::from_utf8_lossy(&ended.stderr), drill);
+    }
     false
 }
 
@@ -208,13 +229,23 @@ pub(crate) fn guarded(files: &Files, drill: &str) -> String {
     format!("off after {:.1} s", report["took_s"].as_f64().unwrap())
 }
 
+/// A run that nobody kills.
+#[track_caller]
+fn whole(files: &Files, out: &str, drill: &str, fate: &mut Fate) {
+    let ended = files.run(out);
+    if ended.code != Some(0) {
+        fate.excuse(ended.message(), &format!("{drill}: {}", ended.stderr));
+        finish(&files.path(out), drill, fate);
+    }
+}
+
 /// One crash, or two of one run, and what became of it, as a row of the table.
-fn crash((index, drill): (usize, &str), (reference, agrees): (&[ImpedancePoint], f64)) -> String {
+fn crash((index, drill): (usize, &str), fate: &mut Fate, (reference, agrees): (&[ImpedancePoint], f64)) -> String {
     let files = files();
     let ports = Ports::serve(&files, FACTOR, 1);
     let run = files.path("run");
     let experiment = files.experiment();
-    if !dies(command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]), drill) {
+    if !dies(command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]), drill, fate) {
         return format!("{drill:<14} not reached");
     }
     let current_a = ports.world.lock().unwrap().truth_current_a();
@@ -226,9 +257,7 @@ fn crash((index, drill): (usize, &str), (reference, agrees): (&[ImpedancePoint],
         let refused = resume(&run, &[]);
         refused.expect_code(2);
         assert!(refused.message().contains("nothing was done yet"), "{drill}: {}", refused.message());
-        if files.run("again").code != Some(0) {
-            finish(&files.path("again"), drill);
-        }
+        whole(&files, "again", drill, fate);
         return format!(
             "{drill:<14} nothing was done yet, run from the beginning, {:.1} σ",
             distance(&spectra(&files.path("again")), reference)
@@ -238,12 +267,12 @@ fn crash((index, drill): (usize, &str), (reference, agrees): (&[ImpedancePoint],
     if !told("{\"ended\":{\"how\":\"finished\"}}") {
         became = "went on";
         let again = command(&["resume".as_ref(), run.as_os_str()]);
-        let twice = index % TWICE == 0 && dies(again, &format!("exchange:{}", 60 + 17 * index % 400));
+        let twice = index % TWICE == 0 && dies(again, &format!("exchange:{}", 60 + 17 * index % 400), fate);
         if twice {
             became = "died again, went on";
         }
         if !told("{\"ended\":{\"how\":\"finished\"}}") {
-            finish(&run, drill);
+            finish(&run, drill, fate);
         }
         let after = rows(&run);
         for (name, rows) in &before {
@@ -267,9 +296,7 @@ fn crash((index, drill): (usize, &str), (reference, agrees): (&[ImpedancePoint],
 fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     let files = files();
     let ports = Ports::serve(&files, FACTOR, 1);
-    if files.run("whole").code != Some(0) {
-        finish(&files.path("whole"), "whole");
-    }
+    whole(&files, "whole", "whole", &mut Fate::default());
     assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
     drop(ports);
     let reference = spectra(&files.path("whole"));
@@ -282,13 +309,13 @@ fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     // Real and imaginary part of every point of every run.
     let agrees = bound(2 * reference.len() * kills.len());
     let head = format!("bound {agrees:.2} σ; {} of {} exchanges and {} ends of writes to the journal", kills.len(), all.0, all.1);
-    every(&kills, ("kills.txt", &head), |index, drill| crash((index, drill), (&reference, agrees)));
+    every(&kills, ("kills.txt", &head), |index, drill, fate| crash((index, drill), fate, (&reference, agrees)));
     assert!(all.0 + all.1 >= 2000, "expected at least 2000 points to die at, found {all:?}");
 }
 
 /// Plays every kill, some at a time, and prints the table, which is also beside the test's binary, as it grows: a drill of hours tells what it has seen when
-/// it is ended, too.
-pub(crate) fn every(kills: &[String], (name, head): (&str, &str), crash: impl Fn(usize, &str) -> String + Sync) {
+/// it is ended, too. A drill in which hardly anything died has shown nothing, and one that excuses a text again and again looks away from a fault.
+pub(crate) fn every(kills: &[String], (name, head): (&str, &str), crash: impl Fn(usize, &str, &mut Fate) -> String + Sync) -> Vec<Fate> {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     fs::write(&path, format!("{head}\n")).unwrap();
     let (next, table) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
@@ -296,16 +323,30 @@ pub(crate) fn every(kills: &[String], (name, head): (&str, &str), crash: impl Fn
         for _ in 0..AT_ONCE {
             scope.spawn(|| {
                 while let Some((index, drill)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|at| Some((at, kills.get(at)?))) {
-                    let row = crash(index, drill);
+                    let mut fate = Fate::default();
+                    let mut row = crash(index, drill, &mut fate);
+                    for excuse in &fate.excuses {
+                        row += &format!(" | too slow: {}", excuse.trim_matches([' ', ':']));
+                    }
                     let mut table = table.lock().unwrap();
                     writeln!(fs::OpenOptions::new().append(true).open(&path).unwrap(), "{row}").unwrap();
-                    table.insert(index, row);
+                    table.insert(index, (row, fate));
                 }
             });
         }
     });
     let table = table.into_inner().unwrap();
     assert_eq!(table.len(), kills.len());
-    let text: String = table.into_values().map(|row| row + "\n").collect();
-    std::io::stderr().write_all(format!("{head}\n{text}").as_bytes()).unwrap();
+    let (rows, fates): (Vec<String>, Vec<Fate>) = table.into_values().unzip();
+    std::io::stderr().write_all(format!("{head}\n{}\n", rows.join("\n")).as_bytes()).unwrap();
+    // The last exchanges of the undisturbed run need not be reached.
+    let died = fates.iter().filter(|fate| fate.died).count();
+    assert!(2 * died >= kills.len(), "{died} of {} kills were reached, expected half of them at least", kills.len());
+    for (slow, of) in TOO_SLOW.into_iter().zip(EXCUSED) {
+        let excused = kills.iter().zip(&fates).filter(|(_, fate)| fate.excuses.contains(slow));
+        let excused: Vec<&str> = excused.map(|(drill, _)| drill.as_str()).collect();
+        let most = (kills.len() / of).max(1);
+        assert!(excused.len() <= most, "{slow:?} of more than {most} of {} kills: {}", kills.len(), excused.join(", "));
+    }
+    fates
 }

@@ -2,6 +2,8 @@
 
 use std::{fs, path::Path};
 
+use bench_daemon::state::{Latched, State};
+
 use crate::support::{BENCH, Ended, Files, Ports, SCENARIO, json, program};
 
 fn doctor(files: &Files, fixture: &str, out: &str) -> Ended {
@@ -175,6 +177,29 @@ fn the_lease_is_proven_on_ports_and_a_run_asks_for_the_report() {
     let files = files.edit(BENCH, "required = true", "required = false");
     let remarked = files.run("remarked");
     assert!(remarked.expect_code(0).stdout.contains("note: the bench file has changed since the doctor's report"), "{}", remarked.stdout);
+}
+
+/// Nothing is known of the bench by such a look: what was known before stands.
+#[test]
+fn a_latched_bench_is_not_connected_to_and_the_report_before_stands() {
+    let files = Files::demo();
+    let ports = Ports::serve(&files, 4.0, 1);
+    let (config, _) = bench_daemon::config::load_bench(&files.path(BENCH)).unwrap();
+    let state = State::of(&config).unwrap().unwrap();
+    let kept = crate::guardian::state(&files, "doctor.json");
+    fs::write(&kept, "the report before").unwrap();
+    state.latch(&Latched::new("daemon", "a test")).unwrap();
+    drop(ports);
+    let failed = doctor(&files, "shunt", "report");
+    failed.expect_code(4);
+    assert_eq!(failed.message(), "the doctor found what must be mended first: bench.latch");
+    let report = json(&files.path("report/doctor.json"));
+    let skipped = ended(&report, "skipped");
+    for id in ["reach.scope", "drive.gain", "guardian.start", "guardian.lease"] {
+        assert!(skipped.iter().any(|(met, why)| met == id && why.starts_with("not after bench.latch")), "{id}: {report:#}");
+    }
+    assert_eq!(report["instruments"], serde_json::json!([]));
+    assert_eq!(fs::read_to_string(kept).unwrap(), "the report before");
 }
 
 fn edit(path: &Path, from: &str, to: &str) {

@@ -116,3 +116,27 @@ fn an_unknown_model_is_told_how_it_could_be_forced_and_the_line_does_it() {
     forced.expect_code(0);
     assert!(forced.stdout.contains("SIGLENT,SDX9000,1,1.0  [ok]"), "{}", forced.stdout);
 }
+
+#[test]
+fn nobody_is_asked_on_a_bench_that_somebody_runs() {
+    let files = Files::demo();
+    let _ports = Ports::serve(&files, 1.0, 1);
+    let recorder = Recorder::before(&files, "scope");
+    let (config, _) = bench_daemon::config::load_bench(&files.path(BENCH)).unwrap();
+    let state = bench_daemon::state::State::of(&config).unwrap().unwrap();
+    let run = files.path("run");
+    let lock = state.lock(&run).unwrap();
+    let (bench, out) = (files.path(BENCH), files.path("report"));
+    let words: [&[&std::ffi::OsStr]; 2] =
+        [&["identify".as_ref(), bench.as_os_str()], &["doctor".as_ref(), bench.as_os_str(), "--out".as_ref(), out.as_os_str()]];
+    for words in words {
+        let refused = program(words);
+        refused.expect_code(8);
+        let expected = format!("expected a bench that nobody runs: process {} runs demo for {}", std::process::id(), run.display());
+        assert_eq!(refused.message(), expected);
+        assert!(recorder.messages().is_empty() && !out.exists());
+    }
+    drop(lock);
+    program(words[0]).expect_code(0);
+    assert!(!recorder.messages().is_empty());
+}

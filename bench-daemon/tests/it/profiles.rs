@@ -214,6 +214,31 @@ fn the_first_way_that_can_is_taken() {
 }
 
 #[test]
+fn a_file_without_a_header_is_not_played_and_a_plan_says_which_way_the_first_step_goes() {
+    for (rows, line, found) in
+        [("0,5\n2,-3\n4,0\n", 1, "0,5"), ("# a pack's power\n\n0 5\n2 -3\n4 0\n", 3, "0 5"), ("\u{feff}-6,10\n0,5\n", 1, "-6,10")]
+    {
+        let message = refused(&files("", rows));
+        let expected = format!(
+            "jump.csv:{line}: current_a,duration_s: expected a header that says what the columns are and which way it flows: current_a,duration_s or \
+             power_w,duration_s with charge positive, time_s,current_a or time_s,power_w with discharge positive, found {found:?}"
+        );
+        assert!(message.ends_with(&expected), "{message}");
+    }
+    for (header, words) in [
+        ("time_s,current_a", "first 5 A out of the cell, "),
+        ("time_s,charge_current_a", "first 5 A into the cell, "),
+        ("time_s,power_w", "first 5 W out of the cell, "),
+        ("Test Time / s,Current / A", "first 5 A into the cell, "),
+        ("test_time_second,current_ampere", "first 5 A into the cell, "),
+    ] {
+        let files = files("", &format!("{header}\n0,0\n2,5\n4,-3\n6,0\n"));
+        let plan = crate::support::program(&["plan".as_ref(), files.experiment().as_os_str()]);
+        assert!(plan.expect_code(0).stdout.contains(words), "{header}: {}", plan.stdout);
+    }
+}
+
+#[test]
 fn rows_that_are_too_fast_are_averaged_and_what_is_lost_is_said_in_plan_and_report() {
     // 40 W for half of every fifth of a second.
     let rows: String = (0..100).map(|k| format!("{},0.1\n", if k % 2 == 0 { -40 } else { 0 })).collect();

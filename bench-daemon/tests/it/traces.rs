@@ -140,7 +140,7 @@ fn the_controls_can_be_measured_for_a_trace_alone() {
     assert_eq!((index(&files).sweeps.len(), index(&files).traces.len()), (0, 2));
     // The controls saw 1 A, the traces 5 A.
     let said = "note: trace pulses, repeat 1; trace pulses, repeat 2 measured on channel ";
-    assert!(finished.summary.contains(said), "{}", finished.summary);
+    assert_eq!(finished.summary.matches(said).count(), 1, "{}", finished.summary);
     let report = fs::read_to_string(files.path("run/report.html")).unwrap();
     assert!(report.contains("Traces (noise of one sample") && report.contains("The bench as its controls show it"));
     assert!(files.path("run/plots/trace_pulses_2.png").exists());
@@ -270,7 +270,7 @@ fn a_power_becomes_a_current_by_the_voltage_of_the_moment_and_is_planned_at_wors
     let files = trace_only().edit(EXPERIMENT, "{ current = \"-5 A\", duration = \"3 s\" }", "{ power = \"-15 W\", duration = \"3 s\" }");
     let text = crate::support::program(&["plan".as_ref(), files.experiment().as_os_str()]).stdout;
     // 15 W at the 2.5 V that the cell never falls below.
-    assert!(text.contains("trace pulses, repeat 1: 4 steps from -6 A to 3 A at worst, by power"), "{text}");
+    assert!(text.contains("trace pulses, repeat 1: 4 steps from -6 A to 3 A at worst, by power, first 15 W out of the cell, "), "{text}");
     run_experiment(&files.load(), &files.path("run")).unwrap();
     let rows = read_trace_csv(&files.path("run/series_pulses_1.bdf.csv")).unwrap();
     let powers: Vec<f64> = rows.iter().filter(|row| row.current_a < -2.0).map(|row| row.current_a * row.voltage_v).collect();

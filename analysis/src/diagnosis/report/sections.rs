@@ -4,6 +4,7 @@ use super::numbers::{Unit, percent, plain, probability, times};
 use super::page::{Item, Page, Section};
 use super::pictures::Kind;
 use super::{SCORE_THRESHOLD, SIGNIFICANT_P, after, counted, is_significant, misfit, reserve, titled};
+use crate::diagnosis::attempts::is_outside;
 use crate::diagnosis::outcome::{Block, Diagnosis, Gap, NamedEffect, SpectrumGap, Verdict};
 use crate::effects::{self, Group};
 
@@ -191,11 +192,24 @@ fn what_else(d: &Diagnosis) -> Section {
         let rows: Vec<_> = d.ranking.iter().take(MOST_CANDIDATES).map(row).collect();
         let of =
             if rows.len() < d.ranking.len() { format!("the best {} of {}", rows.len(), d.ranking.len()) } else { "best first".to_owned() };
-        items.push(Item::Text(format!("Candidates of the first round, {of}:")));
+        items.push(Item::Text(format!("Candidates of the first round, {of}{}:", laws(d))));
         items.push(Item::Table(vec!["Candidate", "Lagrange score", "λ", "Score", "Outcome"], rows));
     }
     items.push(Item::Pictures(Kind::Ranking));
     Section::new("What else it could be", items)
+}
+
+/// How many of the candidates are of the catalogue, and what the others are for.
+fn laws(d: &Diagnosis) -> String {
+    let outside = d.ranking.iter().filter(|c| is_outside(c.name)).count();
+    if outside == 0 {
+        return String::new();
+    }
+    format!(
+        "; {} of the catalogue and {} outside it (`outside_…`), never named: where one of these explains the data better, a name is withdrawn",
+        d.ranking.len() - outside,
+        counted(outside, "law", "laws")
+    )
 }
 
 fn gap(d: &Diagnosis) -> Section {

@@ -20,6 +20,7 @@ const HEADER: usize = 100;
 const LOOKED_AT: usize = 20_000;
 /// Names of a first column that holds times.
 const TIMES: [&str; 5] = ["second", "time", "time(s)", "t", "time_s"];
+const ONE_MARK: &str = "one decimal mark in all numbers, a comma or a point";
 
 /// What the lines before the numbers say.
 #[derive(Default)]
@@ -30,76 +31,126 @@ struct Header {
     line: usize,
 }
 
+type Lines = std::io::Lines<BufReader<File>>;
+
 /// Opens a table.
 pub(super) fn open(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, ScopeError> {
-    let io = |action| move |source| ScopeError::Io { file: path.to_owned(), action, source };
-    let mut lines = BufReader::new(File::open(path).map_err(io("open it"))?).lines();
-    let mut header = Header::default();
-    let mut first: Option<Vec<f64>> = None;
-    for line in lines.by_ref().take(HEADER) {
-        let line = line.map_err(io("read it as text"))?;
-        header.line += 1;
-        match numbers(&line) {
-            Some(row) => {
-                first = Some(row);
-                break;
-            }
-            None => header.read(&line),
-        }
-    }
-    let row_error = |line: usize, expected: String, met: String| ScopeError::Row { file: path.to_owned(), line, expected, met };
-    let Some(first) = first else {
-        return Err(row_error(header.line, format!("a row of numbers within {HEADER} lines"), "none".to_owned()));
-    };
+    let mut lines = BufReader::new(File::open(path).map_err(io(path, "open it"))?).lines();
+    let (header, writing, first) = begin(path, &mut lines)?;
     let timed = header.names.first().is_some_and(|name| TIMES.contains(&name.to_lowercase().as_str()));
     let counted = header.names.first().is_some_and(|name| name.eq_ignore_ascii_case("x") || name.eq_ignore_ascii_case("sequence"));
     let skip = usize::from(timed || counted);
     let width = first.len();
     if width <= skip {
-        return Err(row_error(header.line, "a row with at least one sample".to_owned(), format!("{width} numbers")));
+        return Err(row_error(path, header.line, "a row with at least one sample", &format!("{width} numbers")));
     }
-    let mut spill = Spill::new(width).map_err(io("make a temporary file"))?;
-    spill.row(&first).map_err(io("write a temporary file"))?;
-    let mut number = header.line;
+    let spill = spill((path, header.line), lines, (writing, &first))?;
+    let told = spill.interval_s().filter(|_| timed);
+    let Some(interval_s) = header.interval_s.or(told).or(interval_s).filter(|interval_s| *interval_s > 0.0 && interval_s.is_finite())
+    else {
+        let expected = "the time between two samples, in the header or a column of times; or given as `interval`";
+        return Err(row_error(path, header.line, expected, "none"));
+    };
+    let names = (skip..width).map(|column| header.names.get(column).cloned().unwrap_or_else(|| format!("column {}", column + 1))).collect();
+    let samples = spill.rows;
+    let raw = spill.finish(path, skip).map_err(io(path, "write a temporary file"))?;
+    Ok(ScopeRecord { kind: KIND, interval_s, samples, names, raw })
+}
+
+/// The header, the first row of numbers, and how it is written.
+fn begin(path: &Path, lines: &mut Lines) -> Result<(Header, Writing, Vec<f64>), ScopeError> {
+    let mut header = Header::default();
+    for line in lines.take(HEADER) {
+        let line = line.map_err(io(path, "read it as text"))?;
+        header.line += 1;
+        let mut writing = Writing::of(&line);
+        match writing.numbers(&line) {
+            Some(_) if !writing.one_mark(&line) => return Err(row_error(path, header.line, ONE_MARK, &excerpt(&line))),
+            Some(row) => return Ok((header, writing, row)),
+            None => header.read(&line),
+        }
+    }
+    Err(row_error(path, header.line, &format!("a row of numbers within {HEADER} lines"), "none"))
+}
+
+/// All rows of numbers in a temporary file; the first was met in line `number`.
+fn spill((path, mut number): (&Path, usize), lines: Lines, (mut writing, first): (Writing, &[f64])) -> Result<Spill, ScopeError> {
+    let mut spill = Spill::new(first.len()).map_err(io(path, "make a temporary file"))?;
+    spill.row(first).map_err(io(path, "write a temporary file"))?;
     for line in lines {
-        let line = line.map_err(io("read it as text"))?;
+        let line = line.map_err(io(path, "read it as text"))?;
         number += 1;
         if line.trim().is_empty() {
             continue;
         }
-        let row = numbers(&line).filter(|row| row.len() == width);
-        let Some(row) = row else {
-            return Err(row_error(number, format!("{width} numbers"), format!("{:?}", line.chars().take(60).collect::<String>())));
+        let Some(row) = writing.numbers(&line).filter(|row| row.len() == first.len()) else {
+            return Err(row_error(path, number, &format!("{} numbers", first.len()), &excerpt(&line)));
         };
-        spill.row(&row).map_err(io("write a temporary file"))?;
+        if !writing.one_mark(&line) {
+            return Err(row_error(path, number, ONE_MARK, &excerpt(&line)));
+        }
+        spill.row(&row).map_err(io(path, "write a temporary file"))?;
     }
-    let told = spill.interval_s().filter(|_| timed);
-    let Some(interval_s) = header.interval_s.or(told).or(interval_s).filter(|interval_s| *interval_s > 0.0 && interval_s.is_finite())
-    else {
-        let expected = "the time between two samples, in the header or a column of times; or given as `interval`".to_owned();
-        return Err(row_error(header.line, expected, "none".to_owned()));
-    };
-    let names = (skip..width).map(|column| header.names.get(column).cloned().unwrap_or_else(|| format!("column {}", column + 1))).collect();
-    let samples = spill.rows;
-    let raw = spill.finish(path, skip).map_err(io("write a temporary file"))?;
-    Ok(ScopeRecord { kind: KIND, interval_s, samples, names, raw })
+    Ok(spill)
 }
 
-/// A row of numbers; a comma at its end is no further field. Between semicolons and tabulators a comma is a decimal point, as long as no number of the row
-/// has a point.
-fn numbers(line: &str) -> Option<Vec<f64>> {
-    let line = line.trim().trim_end_matches([',', ';']);
-    let separator = [';', '\t', ','].into_iter().find(|separator| line.contains(*separator)).unwrap_or(' ');
-    let fields: Option<Vec<f64>> = line
-        .split(separator)
-        .map(str::trim)
-        .filter(|field| separator != ' ' || !field.is_empty())
-        .map(|field| text::number(field, separator))
-        .collect();
-    if separator != ',' && line.contains(',') && line.contains('.') {
-        return None;
+fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> ScopeError {
+    move |source| ScopeError::Io { file: path.to_owned(), action, source }
+}
+
+fn row_error(path: &Path, line: usize, expected: &str, met: &str) -> ScopeError {
+    ScopeError::Row { file: path.to_owned(), line, expected: expected.to_owned(), met: met.to_owned() }
+}
+
+fn excerpt(line: &str) -> String {
+    format!("{:?}", line.chars().take(60).collect::<String>())
+}
+
+/// How the rows of a file are written, as its first row shows: one file has one separator and one decimal mark.
+struct Writing {
+    separator: char,
+    /// None as long as no number had one.
+    mark: Option<char>,
+}
+
+impl Writing {
+    /// A tabulator next to a comma is padding, as a blank is.
+    fn of(line: &str) -> Self {
+        let line = bare(line);
+        let parts = |at: usize| {
+            let (before, behind) = line.split_at(at);
+            !before.trim_end().ends_with(',') && !behind.trim_start().starts_with(',')
+        };
+        let separator = match line {
+            line if line.contains(';') => ';',
+            line if line.match_indices('\t').any(|(at, _)| parts(at)) => '\t',
+            line if line.contains(',') => ',',
+            _ => ' ',
+        };
+        Self { separator, mark: None }
     }
-    fields.filter(|fields| !fields.is_empty() && fields.iter().all(|value: &f64| value.is_finite()))
+
+    /// A row of numbers; a comma at its end is no further field. Between semicolons and tabulators a comma is a decimal point.
+    fn numbers(&self, line: &str) -> Option<Vec<f64>> {
+        let separator = self.separator;
+        let fields: Option<Vec<f64>> = bare(line)
+            .split(separator)
+            .map(str::trim)
+            .filter(|field| separator != ' ' || !field.is_empty())
+            .map(|field| text::number(field, separator))
+            .collect();
+        fields.filter(|fields| !fields.is_empty() && fields.iter().all(|value: &f64| value.is_finite()))
+    }
+
+    /// False for a row of numbers with another decimal mark than one before it, or with both: one of them would be wrong by a factor.
+    fn one_mark(&mut self, line: &str) -> bool {
+        let mut own = [',', '.'].into_iter().filter(|mark| self.separator != ',' && bare(line).contains(*mark));
+        own.all(|mark| *self.mark.get_or_insert(mark) == mark)
+    }
+}
+
+fn bare(line: &str) -> &str {
+    line.trim().trim_end_matches([',', ';'])
 }
 
 impl Header {
@@ -202,10 +253,39 @@ mod tests {
 
     #[test]
     fn between_semicolons_a_comma_is_a_decimal_point() {
+        let numbers = |line: &str| Writing::of(line).numbers(line);
         assert_eq!(numbers("-1,5E-3;0,25;"), Some(vec![-1.5e-3, 0.25]));
         assert_eq!(numbers("0.001\t0.25"), Some(vec![0.001, 0.25]));
-        assert_eq!(numbers("1,000;0.25"), None);
         assert_eq!(numbers("1,0.25,"), Some(vec![1.0, 0.25]));
+        // Blanks and tabulators next to a comma are padding.
+        for line in ["1.0,\t2.0", "1.0\t,2.0", "1.0, \t 2.0", "1.0 ,\t2.0,"] {
+            assert_eq!(numbers(line), Some(vec![1.0, 2.0]), "{line:?}");
+        }
+        assert_eq!(numbers("1,5\t2,5"), Some(vec![1.5, 2.5]));
+    }
+
+    #[test]
+    fn one_file_has_one_decimal_mark_and_one_separator() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("table.csv");
+        let opened = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            open(&path, Some(1.0e-3)).map(|record| record.samples).map_err(|error| error.to_string())
+        };
+        assert_eq!(opened("a;b\n1;2\n1,000;2\n1,5;2\n"), Ok(3));
+        assert_eq!(opened("a;b\n1;2\n1.000;2\n1.5;2\n"), Ok(3));
+        for (text, line, what) in [
+            ("a;b\n1,000;2\n1.5;2\n", 3, ONE_MARK),
+            ("a;b\n1.5;2\n1;2\n1;2,0\n", 4, ONE_MARK),
+            ("a;b\n1;2\n1,000;0.25\n", 3, ONE_MARK),
+            ("a;b\n1,000;0.25\n", 2, ONE_MARK),
+            ("a\tb\n1,5\t2\n1.5\t2\n", 3, ONE_MARK),
+            // A row that breaks off at its decimal comma.
+            ("a;b\n1,5;2,5\n1,5\n", 3, "2 numbers"),
+        ] {
+            let error = opened(text).unwrap_err();
+            assert!(error.contains(&format!("line {line}: expected {what}, met \"")), "{text:?}: {error}");
+        }
     }
 
     #[test]

@@ -2,7 +2,8 @@
 //!
 //! Columns are separated by commas, semicolons, tabs or blanks. A header names what the columns are, with the unit behind an underscore, in brackets
 //! or behind a slash: `time_s,power_w`, `time [s] power [W]`, `Time / s, Current / A`. Lines that begin with `#` are comments.
-//! A column that is called charge or discharge says its sign by that; `load` is a resistance only with a unit of one.
+//! A column that is called charge or discharge says its sign by that, and so does one beside a cycler's test time in seconds (`Test Time / s`,
+//! `test_time_second`), for such files count charge as positive; `load` is a resistance only with a unit of one.
 
 use super::{Interpolation, Profile, ProfileError};
 use crate::{
@@ -56,6 +57,11 @@ impl Profile {
         Self::parse((path, &stem), text.trim_start_matches('\u{feff}'), options)
     }
 
+    /// The first row of a text that no header stands above, with its line from 1; `parse` takes it for the first of the profile.
+    pub fn bare(text: &str) -> Option<(usize, &str)> {
+        lines(text).next().filter(|(_, line)| is_row(line))
+    }
+
     /// What flowed in a measured series.
     fn measured(path: &Path, options: &ReadOptions) -> Result<Self, ProfileError> {
         let series = read_series(path, &SeriesOptions::default())?;
@@ -82,9 +88,8 @@ impl Profile {
         };
         let mut header = Header { time_factor: 1.0, demand: options.demand.unwrap_or(Demand::Power), factor: 1.0, direction: None };
         let mut rows: Vec<(f64, f64)> = Vec::new();
-        let lines = text.lines().enumerate().map(|(k, l)| (k + 1, l.trim())).filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
-        for (index, (line, content)) in lines.enumerate() {
-            if index == 0 && !content.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c)) {
+        for (index, (line, content)) in lines(text).enumerate() {
+            if index == 0 && !is_row(content) {
                 header = Header::of(content, options.demand).map_err(|expected| bad(line, &expected, content))?;
                 if options.charge_positive && header.direction == Some(Direction::Discharge) {
                     return Err(bad(line, "a column that counts charge as positive, as was asked for", content));
@@ -117,6 +122,16 @@ impl Profile {
     }
 }
 
+/// Lines that are neither empty nor comments, with their numbers from 1.
+fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    text.lines().enumerate().map(|(k, l)| (k + 1, l.trim())).filter(|(_, l)| !l.is_empty() && !l.starts_with('#'))
+}
+
+/// A row begins with a number, a header does not.
+fn is_row(line: &str) -> bool {
+    line.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c))
+}
+
 /// Fields of a line without quotes: by the first separator that it has, blanks last.
 fn split(line: &str) -> Vec<&str> {
     let by = [',', ';', '\t'].into_iter().find(|c| line.contains(*c));
@@ -138,13 +153,13 @@ impl Header {
             return Err("a header of two columns, time and power, current or resistance".to_owned());
         };
         let time_factor = match time.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-            ["time" | "t"] | [.., "time" | "t", "s" | "sec" | "seconds"] => 1.0,
+            ["time" | "t"] | [.., "time" | "t", "s" | "sec" | "seconds"] | ["test", "time", "second"] => 1.0,
             [.., "time" | "t", "ms"] => 1e-3,
             [.., "time" | "t", "min"] => 60.0,
             [.., "time" | "t", "h"] => 3600.0,
             _ => return Err("first a column of time in s, ms, min or h".to_owned()),
         };
-        let direction = direction(value)?;
+        let direction = direction(value)?.or_else(|| of_cycler(time).then_some(Direction::Charge));
         let (demand, factor) = match (kind(value), wanted) {
             (Some(known), _) => known,
             (None, Some(wanted)) if value.last().is_some_and(|w| vague(w)) => (wanted, 1.0),
@@ -202,6 +217,11 @@ fn direction(words: &[String]) -> Result<Option<Direction>, String> {
     }
 }
 
+/// How BDF, its names for machines and Arbin call the time: in their files charge is positive.
+fn of_cycler(time: &[String]) -> bool {
+    matches!(time.iter().map(String::as_str).collect::<Vec<_>>()[..], ["test", "time", "s" | "second"])
+}
+
 /// Kind of a column and its unit in W, A or Ω. Where no word says the kind, the unit behind a vague one does.
 fn kind(words: &[String]) -> Option<(Demand, f64)> {
     let named = words.iter().find_map(|w| quantity(w));
@@ -210,9 +230,9 @@ fn kind(words: &[String]) -> Option<(Demand, f64)> {
         return named.map(|demand| (demand, 1.0));
     }
     let (demand, factor) = match last {
-        "w" => (Demand::Power, 1.0),
+        "w" | "watt" => (Demand::Power, 1.0),
         "kw" => (Demand::Power, 1e3),
-        "a" => (Demand::Current, 1.0),
+        "a" | "ampere" => (Demand::Current, 1.0),
         "ma" => (Demand::Current, 1e-3),
         "ohm" | "ohms" | "ω" | "Ω" => (Demand::Resistance, 1.0),
         "mohm" | "mω" => (Demand::Resistance, 1e-3),

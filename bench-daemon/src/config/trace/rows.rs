@@ -97,13 +97,18 @@ impl Check<'_> {
 }
 
 /// Rows of current or power (charge positive) and duration under the header `current_a,duration_s` or `power_w,duration_s`; else a profile over time as
-/// `simulate` reads it, which counts discharge as positive.
+/// `simulate` reads it, which counts discharge as positive unless the header is a cycler's.
 fn table(source: &Source) -> Result<Vec<Row>, ConfigError> {
     const HEADERS: [&str; 2] = ["current_a,duration_s", "power_w,duration_s"];
     let complain =
         |line: usize, reason: String| ConfigError::Field { path: source.path().to_owned(), line, field: HEADERS[0].to_owned(), reason };
     let mut lines = source.text().lines().enumerate().map(|(index, line)| (index + 1, line.trim()));
     let found = lines.next().map_or("", |(_, line)| line);
+    // `simulate` takes bare rows for a power out of the cell; what flows through a cell is not guessed.
+    if let Some((line, row)) = Profile::bare(profile_text(source)) {
+        let row: String = row.chars().take(80).collect();
+        return Err(complain(line, format!("{WANTED}, found {row:?}")));
+    }
     let Some(header) = HEADERS.iter().position(|header| *header == found) else {
         return profile(source).map_err(|reason| {
             let (first, second) = (HEADERS[0], HEADERS[1]);
@@ -119,11 +124,18 @@ fn table(source: &Source) -> Result<Vec<Row>, ConfigError> {
     lines.filter(|(_, text)| !text.is_empty()).map(row).collect()
 }
 
+/// What a file without a header is answered with.
+const WANTED: &str = "expected a header that says what the columns are and which way it flows: current_a,duration_s or power_w,duration_s \
+                      with charge positive, time_s,current_a or time_s,power_w with discharge positive";
+
+fn profile_text(source: &Source) -> &str {
+    source.text().trim_start_matches('\u{feff}')
+}
+
 /// Each row holds until the next; the last only says when the profile ends.
 fn profile(source: &Source) -> Result<Vec<Row>, String> {
     let options = ReadOptions { demand: None, interpolation: Interpolation::Hold, charge_positive: false };
-    let text = source.text().trim_start_matches('\u{feff}');
-    let profile = Profile::parse((source.path(), "profile"), text, &options).map_err(|error| error.to_string())?;
+    let profile = Profile::parse((source.path(), "profile"), profile_text(source), &options).map_err(|error| error.to_string())?;
     let power = match profile.demand {
         Demand::Power => true,
         Demand::Current => false,

@@ -54,7 +54,7 @@ pub struct Submit {
     /// Another bench than the experiment names.
     bench: Option<String>,
     /// Another seed.
-    seed: Option<u32>,
+    seed: Option<u64>,
 }
 
 /// Numbers of places, in the order that is wanted.
@@ -194,7 +194,7 @@ pub async fn submit(caller: Energiser, State(app): State<App>, Json(submit): Jso
             kind: Kind::Run,
             experiment: experiment.name.clone(),
             bench: experiment.bench.name.clone(),
-            seed: submit.seed.map(u64::from),
+            seed: submit.seed,
             expected_s: submission.expected_s,
             by: caller.name,
             unix_s: clock::unix_time_s(),

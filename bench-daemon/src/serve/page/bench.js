@@ -82,7 +82,7 @@ function bar(limit) {
   const level = margin !== null && margin < 0 ? "bad" : share < 0.1 ? "near" : "fine";
   const by = unit === "°C" ? "K" : unit;
   const end = least === null || greatest - value <= value - least ? "upper" : "lower";
-  const words = margin === null ? "no reading" : margin < 0 ? `▲ beyond by ${fixed(-margin, digits)} ${by}` : `${level === "near" ? "▲ only " : ""}${fixed(margin, digits)} ${by} left to the ${end} limit`;
+  const words = margin === null ? (value === null ? "no reading" : "old reading") : margin < 0 ? `▲ beyond by ${fixed(-margin, digits)} ${by}` : `${level === "near" ? "▲ only " : ""}${fixed(margin, digits)} ${by} left to the cell's ${end} limit`;
   const at = value === null ? null : Math.max(0, Math.min(100, (100 * (value - low)) / (greatest - low)));
   const meter = el("div", { class: `meter ${level}`, role: "img", "aria-label": `${quantity}: ${words} of ${range}` });
   if (at !== null) {
@@ -90,7 +90,7 @@ function bar(limit) {
     needle.style.setProperty("left", `${at}%`);
     meter.append(needle);
   }
-  return el("div", { class: "limit" }, el("span", {}, quantity), meter, el("span", { class: level }, words), el("small", {}, range));
+  return el("div", { class: "limit" }, el("span", {}, quantity), meter, el("span", { class: level }, words), el("small", {}, unit === "A" ? `${range}; the step in work is judged tighter` : range));
 }
 
 export function drawRun(live, body) {

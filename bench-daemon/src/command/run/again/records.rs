@@ -1,7 +1,8 @@
 //! Multisines and traces made anew from their captures, into the folder in which everything else is.
 //!
 //! What no capture tells is taken from the run: which line the gate refused, how long a multisine took, what was commanded when, the voltmeter's voltage at
-//! rest and the temperatures beside a trace. A trace through load and supply has no capture: its rows are what their meters said.
+//! rest and the temperatures beside a trace. A trace through load and supply has no capture: its rows are what their meters said. One through the bipolar
+//! supply, of a version that did not write down what was commanded, has captures, but nothing says where in them its steps are looked for.
 
 use std::fs;
 
@@ -31,6 +32,8 @@ pub(crate) struct Beside {
     pub(crate) rows: usize,
     /// Files of traces that have no capture.
     pub(crate) as_read: Vec<String>,
+    /// Files of traces that have captures, of a version that did not write down what was commanded.
+    pub(crate) uncommanded: Vec<String>,
 }
 
 impl Recorded {
@@ -86,7 +89,8 @@ impl Recorded {
         let known = recorder.index().traces.iter().find(|known| known.name == trace.name && known.repeat == trace.repeat).cloned();
         let Some(entry) = known else { return Ok(()) };
         let Some(commanded) = entry.commanded.clone() else {
-            beside.as_read.push(entry.file);
+            let held = if trace.through == Through::LoadAndSupply { &mut beside.as_read } else { &mut beside.uncommanded };
+            held.push(entry.file);
             return Ok(());
         };
         let empty = || self.failed(&format!("trace {}: expected a frame of the zeros, found an empty one", trace.name));

@@ -7,6 +7,7 @@ use analysis::dataset;
 use crate::{
     command::{Failure, run::Measured},
     executor::SweepPoint,
+    present::significant,
     record::{RecordError, Recorder},
 };
 
@@ -48,33 +49,50 @@ pub(super) fn warn(recorder: &mut Recorder, measured: &Measured) -> Result<(), F
             vec![(None, meta.channels.map(|channel| channel.volts_per_div))],
         ));
     }
-    for (control, points) in &controls {
-        differing(&all, (control, points)).iter().for_each(|text| recorder.warning(text));
-    }
+    differing(&all, &controls).iter().for_each(|text| recorder.warning(text));
     Ok(())
 }
 
-/// What is to be said of all that was measured on other ranges than a control's; the same of several is said once.
-fn differing(all: &[Ranged], (control, reference): (&str, &[Scales])) -> Vec<String> {
+/// What is to be said of all that was measured on other ranges than those of the controls: its channels in one note, and the same of several once.
+fn differing(all: &[Ranged], controls: &[(&str, Vec<Scales>)]) -> Vec<String> {
     let mut said: BTreeMap<String, Vec<&str>> = BTreeMap::new();
     for (name, records) in all {
-        for slot in 0..4 {
-            let other = |(freq_hz, volts): &&Scales| {
-                let same = |reference: f64| (volts[slot] / reference - 1.0).abs() <= SAME_RANGE;
-                !match freq_hz {
-                    Some(freq_hz) => nearest(reference, *freq_hz).is_some_and(|found| same(found[slot])),
-                    None => reference.iter().any(|(_, found)| same(found[slot])),
-                }
-            };
-            let Some((freq_hz, volts)) = records.iter().find(other) else { continue };
-            let found = freq_hz.and_then(|freq_hz| nearest(reference, freq_hz)).or(reference.first().map(|(_, volts)| volts));
-            let reference_v = found.map_or(f64::NAN, |found| found[slot]);
-            let from = freq_hz.map_or_else(String::new, |freq_hz| format!(" from {freq_hz:.4} Hz on"));
-            let text = format!("channel {} at {} V/div and the {control} at {reference_v} V/div{from}", slot + 1, volts[slot]);
-            said.entry(text).or_default().push(name);
+        let channels: Vec<String> = (0..4).filter_map(|slot| channel(slot, records, controls)).collect();
+        if !channels.is_empty() {
+            said.entry(channels.join(", ")).or_default().push(name);
         }
     }
     said.into_iter().map(|(text, names)| format!("{} measured on {text}: the correction assumes equal gain", names.join("; "))).collect()
+}
+
+/// A channel that measured on another range than a control: its range, and those of the controls.
+fn channel(slot: usize, records: &[Scales], controls: &[(&str, Vec<Scales>)]) -> Option<String> {
+    let mut ranges: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for (control, reference) in controls {
+        let Some((freq_hz, volts)) = records.iter().find(|record| other(slot, record, reference)) else { continue };
+        let found = freq_hz.and_then(|freq_hz| nearest(reference, freq_hz)).or(reference.first().map(|(_, volts)| volts));
+        let from = freq_hz.map_or_else(String::new, |freq_hz| format!(" from {} Hz on", short(freq_hz)));
+        let range = format!("{} V/div{from}", short(volts[slot]));
+        ranges.entry(range).or_default().push(format!("{control} {}", found.map_or_else(|| "none".to_owned(), |found| short(found[slot]))));
+    }
+    let parts: Vec<String> = ranges.into_iter().map(|(range, controls)| format!("{range} ({})", controls.join(", "))).collect();
+    (!parts.is_empty()).then(|| format!("channel {} at {}", slot + 1, parts.join(" and ")))
+}
+
+/// The record has another range than the control had nearest to its frequency, or than any that the control had.
+fn other(slot: usize, (freq_hz, volts): &Scales, reference: &[Scales]) -> bool {
+    let same = |reference: f64| (volts[slot] / reference - 1.0).abs() <= SAME_RANGE;
+    !match freq_hz {
+        Some(freq_hz) => nearest(reference, *freq_hz).is_some_and(|found| same(found[slot])),
+        None => reference.iter().any(|(_, found)| same(found[slot])),
+    }
+}
+
+/// Four digits: as many as tell ranges apart that are not one.
+fn short(value: f64) -> String {
+    let text = significant(value, 4);
+    let rounded = text.contains('.') && !text.contains('e');
+    if rounded { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 /// The record of a control that is nearest in frequency.
@@ -100,11 +118,17 @@ mod tests {
             ("trace u".to_owned(), vec![(None, [0.1, 0.1, 0.4, 0.2])]),
             ("multisine 1".to_owned(), vec![(Some(1.3), reference[0].1), (Some(8.0), reference[0].1)]),
         ];
+        let controls = [("shunt", reference.to_vec()), ("fake_cell", reference[..1].to_vec())];
         let said = [
-            "trace u measured on channel 3 at 0.4 V/div and the shunt at 0.2 V/div: the correction assumes equal gain",
-            "multisine 1 measured on channel 4 at 0.2 V/div and the shunt at 0.5 V/div from 8.0000 Hz on: the correction assumes equal gain",
-            "A_2; B_1 measured on channel 4 at 1 V/div and the shunt at 0.5 V/div from 10.0000 Hz on: the correction assumes equal gain",
+            "trace u measured on channel 3 at 0.4 V/div (shunt 0.2): the correction assumes equal gain",
+            "multisine 1 measured on channel 4 at 0.2 V/div from 8 Hz on (shunt 0.5): the correction assumes equal gain",
+            "A_2; B_1 measured on channel 4 at 1 V/div from 10 Hz on (shunt 0.5): the correction assumes equal gain",
         ];
-        assert_eq!(differing(&all, ("shunt", &reference)), said);
+        assert_eq!(differing(&all, &controls[..1]), said);
+        // Several channels and controls make one note, without the dust of a single float.
+        let dusty: Vec<Ranged> = vec![("trace v".to_owned(), vec![(None, [0.100_000_001_490_116_12, 0.2, 0.400_000_005_960_464_5, 0.2])])];
+        let said = "trace v measured on channel 2 at 0.2 V/div (shunt 0.1, fake_cell 0.1), channel 3 at 0.4 V/div (shunt 0.2, fake_cell 0.2): the \
+                    correction assumes equal gain";
+        assert_eq!(differing(&dusty, &controls), [said]);
     }
 }
