@@ -58,6 +58,9 @@ pub(super) const MATERIAL_SHARE: f64 = 0.3;
 pub(super) const MISFIT_Z: f64 = 3.0;
 /// (χ² − dof)/√(2·dof) below which nothing is missing.
 pub(super) const GOOD_FIT_Z: f64 = 5.0;
+/// Penalised gain from which on an effect outside the catalogue says by itself that something is missing. Small systematic errors of a bench, which no repeat
+/// shows, look like one: on a simulated bench with nothing hidden, one gained 15.
+pub(super) const OUTSIDE_ALONE: f64 = 30.0;
 /// Penalised gain by which the best must lead a rival to be named.
 pub(super) const NAMING_LEAD: f64 = 14.0;
 /// Part of the named one's gain by which it must lead where the noise is assumed: a χ² is then worth no more than the assumption.

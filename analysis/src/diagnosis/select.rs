@@ -2,7 +2,7 @@
 
 use super::attempts::{Attempt, is_outside};
 use super::block::Desk;
-use super::guards::{Guards, LEAST_SCORE, MOST_EFFECTS, NAMING_LEAD};
+use super::guards::{Guards, LEAST_SCORE, MOST_EFFECTS, NAMING_LEAD, OUTSIDE_ALONE};
 use super::outcome::{Candidate, Evidence};
 use super::problem::{Fit, Problem};
 use crate::effects::{Effect, outside};
@@ -194,7 +194,7 @@ impl Search<'_> {
         let gained = selection.base.chi2 - selection.fit.chi2 - spent;
         let beaten =
             selection.taken.iter().flat_map(|t| &t.rivals).find(|r| is_outside(r.name) && r.score_gap >= NAMING_LEAD).map(|r| r.name);
-        let refused = selection.refused.as_ref().filter(|r| selection.taken.is_empty() && r.1 >= NAMING_LEAD).map(|r| r.0);
+        let refused = selection.refused.as_ref().filter(|r| selection.taken.is_empty() && r.1 >= OUTSIDE_ALONE).map(|r| r.0);
         let stands_alone = alone.filter(|a| selection.taken.len() > 1 && a.1 >= gained).map(|a| a.0);
         if let Some(title) = beaten.or(stands_alone).or(refused).and_then(title) {
             selection.withdraw(title);

@@ -175,11 +175,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn however_many_shapes_are_played_there_are_sixteen_names_and_one_shape_has_one() {
+    fn each_shape_has_a_name_of_its_own_that_every_model_takes() {
         let name = |steps: &[f64]| Wave::named("eis", steps.to_vec(), Hertz(1.0), (Volts(1.0), Volts(0.0))).name;
         assert_eq!(name(&[0.0, 1.0]), name(&[0.0, 1.0]));
         let names: std::collections::BTreeSet<String> = (0..1000).map(|shape| name(&[0.0, 1.0 / f64::from(shape + 1)])).collect();
-        assert_eq!(names.len(), 16, "{names:?}");
-        assert!(names.iter().all(|name| name.len() == 4 && name.chars().all(|letter| letter.is_ascii_alphanumeric())), "{names:?}");
+        assert_eq!(names.len(), 1000);
+        assert!(names.iter().all(|name| name.len() <= 12 && name.chars().all(|letter| letter.is_ascii_alphanumeric())), "{names:?}");
     }
 }
