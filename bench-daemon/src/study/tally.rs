@@ -80,6 +80,9 @@ fn settled(scores: &[Score]) -> String {
     if ambiguous.is_empty() {
         return String::new();
     }
+    if ambiguous.iter().all(|s| s.recommended.is_empty()) {
+        return format!("\nambiguous cases: {}; the recommended runs were not played\n", ambiguous.len());
+    }
     let mut out = format!("\nambiguous cases: {}; settled by\n", ambiguous.len());
     for most in 1..=MOST {
         let ends: Vec<End> = ambiguous.iter().filter_map(|s| s.recommended.iter().take(most).next_back()).map(|r| r.settled).collect();
