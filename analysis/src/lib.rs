@@ -5,11 +5,12 @@
 //! Randles model (ERM) and circuits in general, [`fit`] finds their parameters, [`drt`] shows their time constants, [`ocv`] is the voltage at rest,
 //! [`multisine`] measures many frequencies in one record,
 //! [`joint`] fits the model to spectra and pulses of a [`series`] together, [`pack`] maps a cell to an SxP pack, [`forward`] simulates a cell or a
-//! pack under a load, [`sop`] finds the most power that can be held; [`thinning`] averages frames of direct currents; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures.
+//! pack under a load, [`sop`] finds the most power that can be held; [`thinning`] averages frames of direct currents; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures, [`brief`] the numbers in words.
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 
 pub mod augmented;
+pub mod brief;
 pub mod budget;
 pub mod calibration;
 pub mod dataset;

@@ -1,6 +1,7 @@
 //! Does a control impedance measure as it is known?
 
 use super::KnownImpedance;
+use crate::brief::brief;
 use crate::spectrum::ImpedancePoint;
 
 /// How far a control may be off.
@@ -111,9 +112,7 @@ fn in_words(known: &KnownImpedance, tolerance: &ControlTolerance, [magnitude, ph
     )
 }
 
-/// A number to four significant digits at most, without a tail of zeros.
+/// A number as a verdict says it.
 fn short(value: f64) -> String {
-    let digits = if value == 0.0 || !value.is_finite() { 0 } else { (3 - value.abs().log10().floor() as i32).clamp(0, 12) };
-    let text = format!("{value:.*}", digits as usize);
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    brief(value, 4)
 }

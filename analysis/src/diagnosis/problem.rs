@@ -56,6 +56,16 @@ impl Problem {
         self.base.erm.branches.len()
     }
 
+    /// Where a fit with one member less begins: at what the others have.
+    pub(super) fn without(&self, fit: &Fit, member: usize) -> (Structure, Vec<f64>, Vec<Axis>) {
+        let structure = fit.structure.without(member);
+        let axes = structure.axes(&self.base.erm);
+        let first = fit.structure.first(member, self.branches());
+        let mut x = fit.x.clone();
+        x.drain(first..first + fit.structure.members[member].free());
+        (structure, x, axes)
+    }
+
     /// Coordinates of the model file's own base.
     pub(super) fn start(&self) -> Vec<f64> {
         Structure::default().encode(&self.base.erm)

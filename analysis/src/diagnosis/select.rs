@@ -210,11 +210,7 @@ impl Search<'_> {
     /// The fit with one member less, from the better of two starts: where it stands, and the base.
     pub(super) fn refit_without(&mut self, base: &Fit, fit: &Fit, member: usize) -> Fit {
         let branches = self.problem.branches();
-        let structure = fit.structure.without(member);
-        let axes = structure.axes(&self.problem.base.erm);
-        let first = fit.structure.first(member, branches);
-        let mut x = fit.x.clone();
-        x.drain(first..first + fit.structure.members[member].free());
+        let (structure, x, axes) = self.problem.without(fit, member);
         let mut y = base.x[..1 + 2 * branches].to_vec();
         y.extend_from_slice(&x[1 + 2 * branches..]);
         let stay = self.problem.fit_from(&structure, x, axes.clone(), &mut self.desk);

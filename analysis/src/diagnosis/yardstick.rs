@@ -43,8 +43,7 @@ pub fn oracle(set: &DataSet, model: &BaseModel, names: &[&str]) -> Result<(f64, 
         fit = best.unwrap_or(fit);
     }
     // As a diagnosis does with what it has named.
-    match refitted(&prepared, [&base, &fit], Guards::default()) {
-        Some((prepared, [base, fit])) => Ok((fit.chi2, gaps(&prepared, &model.erm, (&base, &fit), &mut desk))),
-        None => Ok((fit.chi2, gaps(&prepared, &model.erm, (&base, &fit), &mut desk))),
-    }
+    let again = refitted(&prepared, [&base, &fit], Guards::default());
+    let (prepared, [base, fit]) = again.unwrap_or((prepared, [base, fit]));
+    Ok((fit.chi2, gaps(&prepared, &model.erm, (&base, &fit), &mut desk)))
 }

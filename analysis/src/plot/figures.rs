@@ -1,6 +1,7 @@
 //! The thesis' figures 3.8 and 3.10–3.14 redrawn from data.
 
 use super::{ImpedancePlot, PlotError, Series, SeriesStyle, nyquist};
+use crate::brief::brief;
 use crate::fit::ErmFit;
 use crate::formats::cell_in_name;
 use crate::spectrum::Spectrum;
@@ -133,12 +134,5 @@ fn band(spectra: &[Spectrum]) -> Option<(f64, f64)> {
 }
 
 fn band_text(spectra: &[Spectrum]) -> String {
-    band(spectra).map_or_else(String::new, |(lo, hi)| format!("{} to {} Hz, axes equally scaled", brief(lo), brief(hi)))
-}
-
-/// Three significant digits without trailing zeros.
-fn brief(value: f64) -> String {
-    let decimals = (2 - value.log10().floor() as i32).clamp(0, 9) as usize;
-    let text = format!("{value:.decimals$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    band(spectra).map_or_else(String::new, |(lo, hi)| format!("{} to {} Hz, axes equally scaled", brief(lo, 3), brief(hi, 3)))
 }

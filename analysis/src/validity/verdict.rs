@@ -7,6 +7,7 @@ use super::noise::NoiseSource;
 use super::stationarity::Stationarity;
 use super::z_hit::ZHit;
 use super::{DOUBTFUL_RATE, FALSE_ALARM_RATE};
+use crate::brief::brief;
 use serde::Serialize;
 use std::fmt;
 
@@ -268,7 +269,5 @@ fn text(findings: &Findings<'_>, points: &[PointVerdict], band: Option<(f64, f64
 
 /// A frequency with three digits.
 fn short(freq_hz: f64) -> String {
-    let digits = (2.0 - freq_hz.abs().log10().floor()).clamp(0.0, 8.0) as usize;
-    let text = format!("{freq_hz:.digits$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    brief(freq_hz, 3)
 }

@@ -53,12 +53,11 @@ impl Bench {
     /// Switches off what drives the cell by the bipolar supply, in the order of [`Self::safe_state`], once. Load and charger stay as they are.
     ///
     /// # Errors
-    /// What could not be read back as off.
-    pub async fn drive_off(&mut self) -> Result<(), Vec<BenchError>> {
+    /// The first that could not be read back as off.
+    pub async fn drive_off(&mut self) -> Result<(), BenchError> {
         let offset = Volts(self.command_offset_v);
         let (supply4q, generator) = off(&mut self.generator, &mut self.supply4q, (&self.clock, offset)).await;
-        let failures = self.failed([("supply4q", supply4q), ("generator", generator)]);
-        if failures.is_empty() { Ok(()) } else { Err(failures) }
+        self.failed([("supply4q", supply4q), ("generator", generator)]).into_iter().next().map_or(Ok(()), Err)
     }
 
     /// Voltage, V, and current, A, that each instrument which can move charge reads now. A generator has no meter.

@@ -60,10 +60,8 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
         return Err(Failure::Usage(reason));
     }
     let mut outcomes = Vec::new();
-    for name in &cells {
-        let folder = args.out.as_ref().map(|folder| if cells.len() > 1 { folder.join(name) } else { folder.clone() });
-        let mut judged = judged.of_cell(name);
-        judged.specimen = args.specimen.clone().or_else(|| (cells.len() > 1).then(|| name.clone()));
+    for (name, judged) in judged.each(&cells, args.specimen.as_deref()) {
+        let folder = args.out.as_ref().map(|out| below(out, &cells, name));
         let outcome = judged.diagnose()?;
         if let Some(folder) = &folder {
             write(folder, &outcome, &judged)?;
@@ -108,20 +106,21 @@ fn diagnose_run(run: &Path, rc: usize) -> Result<Vec<String>, Failure> {
     let mut all = Judged::read(run, &run.join(format!("model_{rc}rc.json")), None)?;
     all.within = Some(run.to_owned());
     let cells = all.cells(None)?;
-    let step = |name: &String| {
-        let (folder, prefix) = match cells.len() {
-            1 => (run.join(IN_RUN), String::new()),
-            _ => (run.join(IN_RUN).join(name), format!("cell {name}: ")),
-        };
-        let mut judged = all.of_cell(name);
-        judged.specimen = (cells.len() > 1).then(|| name.clone());
+    let step = |(name, judged): (&str, Judged)| {
+        let folder = below(&run.join(IN_RUN), &cells, name);
+        let prefix = if cells.len() > 1 { format!("cell {name}: ") } else { String::new() };
         let outcome = judged.diagnose().and_then(|outcome| write(&folder, &outcome, &judged).map(|()| outcome));
         match outcome {
             Ok(outcome) => format!("{prefix}{}; {}", outcome.diagnosis.summary, folder.join("diagnosis.html").display()),
             Err(failure) => format!("{prefix}could not be made: {failure}"),
         }
     };
-    Ok(cells.iter().map(step).collect())
+    Ok(all.each(&cells, None).map(step).collect())
+}
+
+/// Where the diagnosis of a cell is written: of several each has a folder of its own.
+fn below(out: &Path, cells: &[String], name: &str) -> PathBuf {
+    if cells.len() > 1 { out.join(name) } else { out.to_owned() }
 }
 
 fn json(outcome: &Outcome) -> Result<String, Failure> {
@@ -181,6 +180,14 @@ impl Judged {
             None if cells.is_empty() => Ok(vec![String::new()]),
             None => Ok(cells),
         }
+    }
+
+    /// Each cell by itself, with its name; the one that was asked for, and each of several, is named in the command that repeats it.
+    fn each<'a>(&'a self, cells: &'a [String], asked: Option<&'a str>) -> impl Iterator<Item = (&'a str, Self)> {
+        cells.iter().map(move |name| {
+            let specimen = asked.or((cells.len() > 1).then_some(name)).map(str::to_owned);
+            (name.as_str(), Self { specimen, ..self.of_cell(name) })
+        })
     }
 
     /// The same with the runs of one cell, and those of the controls.

@@ -96,10 +96,10 @@ impl Check<'_> {
     }
 
     /// A simulated bench has so many cells and no more.
-    pub(super) fn specimens(&self, campaign: &Campaign, scenario: &Source) -> Result<(), ConfigError> {
-        let there = scenario.parse::<Scenario>()?.specimens.count.max(1);
+    pub(super) fn specimens(&self, campaign: &Campaign, (file, scenario): (&Source, &Scenario)) -> Result<(), ConfigError> {
+        let there = scenario.specimens.count.max(1);
         let Some(first) = campaign.cells.get(there) else { return Ok(()) };
-        let (cells, file) = (if there == 1 { "cell" } else { "cells" }, scenario.path().display());
+        let (cells, file) = (if there == 1 { "cell" } else { "cells" }, file.path().display());
         let reason = format!(
             "expected at most {there} {cells}, for so many has the simulated bench (specimens.count of {file}), found {}, {:?} the first too many",
             campaign.cells.len(),

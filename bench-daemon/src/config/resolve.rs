@@ -31,7 +31,7 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
         source.open(&bench_path).map_err(|error| if other_bench.is_none() { in_field(&source, "bench", &error) } else { error })?;
     let bench = resolve_bench(&bench_source)?;
     check_one_world(&bench_source, &bench.instruments)?;
-    let scenario_source = bench.simulation.as_ref().map(|section| read_scenario(&bench_source, &section.scenario)).transpose()?;
+    let scenario = bench.simulation.as_ref().map(|section| read_scenario(&bench_source, &section.scenario)).transpose()?;
     let cell_source = source.open(&source.relative(&raw.cell)).map_err(|error| in_field(&source, "cell", &error))?;
     let cell = resolve_cell(&cell_source)?;
     let check = Check { source: &source, bench_source: &bench_source, bench: &bench, cell: &cell };
@@ -57,8 +57,8 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
     if campaign.is_some() && (ocv_soc.is_some() || multisine.is_some()) {
         return Err(source.complain("campaign", "expected [campaign] without [ocv_soc] and [multisine]: its runs are sweeps and traces"));
     }
-    if let (Some(campaign), Some(scenario)) = (&campaign, &scenario_source) {
-        check.specimens(campaign, scenario)?;
+    if let (Some(campaign), Some((file, scenario))) = (&campaign, &scenario) {
+        check.specimens(campaign, (file, scenario))?;
     }
     if eis.as_ref().is_none_or(|eis| eis.repeat == 0) && traces.is_empty() && ocv_soc.is_none() && multisine.is_none() {
         let reason = "expected a section [eis] with a repeat above 0, or a section [[traces]], [ocv_soc] or [multisine]";
@@ -81,16 +81,16 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
         traces,
         fit,
         diagnosed_rc,
-        sources: [source, bench_source, cell_source].into_iter().chain(scenario_source).chain(trace_sources).collect(),
+        sources: [source, bench_source, cell_source].into_iter().chain(scenario.map(|(file, _)| file)).chain(trace_sources).collect(),
     })
 }
 
-/// The scenario of a simulated bench, checked.
-fn read_scenario(bench: &Source, path: &Path) -> Result<Source, ConfigError> {
+/// The scenario of a simulated bench, checked, and the file that it is in.
+fn read_scenario(bench: &Source, path: &Path) -> Result<(Source, Scenario), ConfigError> {
     let source = bench.open(path).map_err(|error| in_field(bench, "simulation.scenario", &error))?;
     let scenario: Scenario = source.parse()?;
     scenario.validate().map_err(|error| source.complain(&error.field, error.to_string()))?;
-    Ok(source)
+    Ok((source, scenario))
 }
 
 /// A complaint about a file, as one about the field that names it.

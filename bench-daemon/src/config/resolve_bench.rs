@@ -21,7 +21,7 @@ use crate::{loopback::names_loopback, state::meet};
 /// Reads a bench.
 ///
 /// # Errors
-/// As [`load_experiment`].
+/// As [`super::load_experiment`].
 pub fn load_bench(path: &Path) -> Result<(Bench, Source), ConfigError> {
     let source = Source::read(path)?;
     Ok((resolve_bench(&source)?, source))
@@ -30,7 +30,7 @@ pub fn load_bench(path: &Path) -> Result<(Bench, Source), ConfigError> {
 /// Reads a bench, or the one that an experiment names.
 ///
 /// # Errors
-/// As [`load_experiment`].
+/// As [`super::load_experiment`].
 pub fn load_any_bench(path: &Path) -> Result<Bench, ConfigError> {
     #[derive(serde::Deserialize)]
     struct Either {

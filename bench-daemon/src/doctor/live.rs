@@ -310,7 +310,7 @@ impl Examination<'_> {
     }
 
     async fn down(&mut self) -> Result<(), BenchError> {
-        self.bench.drive_off().await.map_err(|mut failures| failures.swap_remove(0))
+        self.bench.drive_off().await
     }
 
     /// A steady command.

@@ -6,7 +6,7 @@ use instruments::{
     units::{Amps, Volts},
 };
 
-use super::{ExecuteError, Executor, OUTPUT_ON, first, require};
+use super::{ExecuteError, Executor, OUTPUT_ON, require};
 use crate::{
     interlock::NO_CURRENT_A,
     plan::{Step, fixture_name},
@@ -98,6 +98,6 @@ impl Executor<'_> {
     }
 
     pub(super) async fn power_down(&mut self) -> Result<(), ExecuteError> {
-        Ok(self.bench.drive_off().await.map_err(first)?)
+        Ok(self.bench.drive_off().await?)
     }
 }

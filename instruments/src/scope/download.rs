@@ -47,17 +47,18 @@ impl Instrument<dyn Dialect> {
         if !self.dialect.capabilities().thins_out {
             return Ok(None);
         }
-        let in_memory = match self.points_in_memory().await {
-            Ok(in_memory) => in_memory,
-            Err(LinkError::Unexpected { .. }) => return Ok(None),
-            Err(error) => return Err(error),
-        };
-        let stride = stride_of(in_memory, points);
-        match play(&mut self.link, &self.dialect.script(&Intent::Transfer { channel, stride })).await {
-            Ok(()) => Ok(Some(Chosen { channel, stride, in_memory })),
+        match self.try_choose(channel, points).await {
+            Ok(chosen) => Ok(Some(chosen)),
             Err(LinkError::ReadBack { .. } | LinkError::Unexpected { .. }) => Ok(None),
             Err(error) => Err(error),
         }
+    }
+
+    async fn try_choose(&mut self, channel: u8, points: u64) -> Result<Chosen, LinkError> {
+        let in_memory = self.points_in_memory().await?;
+        let stride = stride_of(in_memory, points);
+        play(&mut self.link, &self.dialect.script(&Intent::Transfer { channel, stride })).await?;
+        Ok(Chosen { channel, stride, in_memory })
     }
 
     /// Downloads what was chosen before the scope stopped; from the beginning where the frame is not as long as it was to be, or more than a page.

@@ -175,16 +175,11 @@ pub(super) fn absences(problem: &Problem, (base, selection): (&Fit, &Selection),
         if taken.evidence.lambda >= CERTAIN_LAMBDA {
             return None;
         }
-        Some(if alone { base.clone() } else { absence(problem, &selection.fit, k, desk) })
+        if alone {
+            return Some(base.clone());
+        }
+        let (structure, x, axes) = problem.without(&selection.fit, k);
+        Some(problem.fit_from(&structure, x, axes, desk))
     };
     selection.taken.iter().enumerate().map(without).collect()
-}
-
-fn absence(problem: &Problem, fit: &Fit, member: usize, desk: &mut Desk) -> Fit {
-    let structure = fit.structure.without(member);
-    let first = fit.structure.first(member, problem.branches());
-    let mut x = fit.x.clone();
-    x.drain(first..first + fit.structure.members[member].free());
-    let axes = structure.axes(&problem.base.erm);
-    problem.fit_from(&structure, x, axes, desk)
 }

@@ -82,11 +82,11 @@ pub(super) fn write(
     recorder.spectrum(&named("multisine.csv", repeat), &corrected)?;
     recorder.text(&named("multisine_lines.csv", repeat), &table(&lines))?;
     dataset::write_spectrum_parquet(&recorder.path(&named("multisine.parquet", repeat)), &corrected).map_err(RecordError::from)?;
-    let own = |(phasors, ..): &Found| {
+    let own = |((phasors, ..), point): (&Found, &ImpedancePoint)| {
         let covariance = correction.measured_parts(phasors).into_iter().sum();
-        ImpedancePoint { covariance, ..correction.apply(phasors) }
+        ImpedancePoint { covariance, ..*point }
     };
-    let own_noise = Spectrum { name: experiment.name.clone(), points: found.iter().map(own).collect() };
+    let own_noise = Spectrum { name: experiment.name.clone(), points: found.iter().zip(&corrected).map(own).collect() };
     let spectrum = Spectrum { name: experiment.name.clone(), points: corrected };
     let volts_per_div = found.iter().map(|(_, volts_per_div, _)| *volts_per_div).collect();
     let run = MultisineRun { spectrum, own_noise, noise_dof: noise_dof(stage), flagged, lines, volts_per_div, took_s };

@@ -17,8 +17,8 @@ pub(super) fn averaged(rows: &[Row], step_s: f64) -> Result<(Vec<Row>, Option<Av
     if let Some(index) = rows.iter().position(|row| row.power != power) {
         return Err(format!("expected rows of current or of power, found both (row {}): only one of them has a mean", index + 1));
     }
-    if let Some((index, row)) = rows.iter().enumerate().find(|(_, row)| !(row.duration_s > 0.0 && row.duration_s.is_finite())) {
-        return Err(format!("row {}: expected a duration above 0 s, found {} s", index + 1, row.duration_s));
+    if let Some(reason) = Row::first_wrong(rows) {
+        return Err(reason);
     }
     let rounding_s = |span_s: f64| ROUNDING_S.max(ROUNDING * span_s);
     let whole = |row: &Row| {

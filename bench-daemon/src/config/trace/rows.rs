@@ -24,6 +24,11 @@ impl Row {
         if self.power { self.value / volts } else { self.value }
     }
 
+    /// What is wrong with the first row that is wrong.
+    pub(super) fn first_wrong(rows: &[Self]) -> Option<String> {
+        rows.iter().enumerate().find_map(|(index, row)| Some(format!("row {}: {}", index + 1, row.judge().err()?)))
+    }
+
     /// Numbers, and a time in which something can flow.
     fn judge(&self) -> Result<(), String> {
         let (value, duration_s) = (self.value, self.duration_s);
@@ -70,9 +75,9 @@ impl Check<'_> {
         if rows.is_empty() {
             return Err(self.complain(&field(part), "expected at least one segment, found none"));
         }
-        if let Some((index, reason)) = rows.iter().enumerate().find_map(|(index, row)| Some((index, row.judge().err()?))) {
+        if let Some(reason) = Row::first_wrong(&rows) {
             let of = source.as_ref().map_or_else(String::new, |source| format!("{}: ", source.path().display()));
-            return Err(self.complain(&field(part), format!("{of}row {}: {reason}", index + 1)));
+            return Err(self.complain(&field(part), of + &reason));
         }
         let scale = self.within(&field("scale"), raw.scale.unwrap_or(1.0), (-1.0e3, 1.0e3), "(factor)")?;
         if scale == 0.0 {

@@ -9,8 +9,6 @@ use crate::{
     record::Recorder,
 };
 
-const DAY_S: f64 = 86_400.0;
-
 /// Rows of the provenance: the date, the voltages at rest and the temperatures of the cell before its records.
 ///
 /// # Errors
@@ -49,22 +47,7 @@ fn range(values: impl Iterator<Item = f64>, (digits, unit): (usize, &str)) -> Op
 
 /// The day of a time since 1970, as ISO 8601 writes it.
 fn date(unix_s: f64) -> String {
-    let mut days = (unix_s / DAY_S).floor() as i64;
-    let leap = |year: i64| year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
-    let mut year = 1970;
-    while days >= 365 + i64::from(leap(year)) {
-        days -= 365 + i64::from(leap(year));
-        year += 1;
-    }
-    let mut month = 1;
-    for length in [31, 28 + i64::from(leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30] {
-        if days < length {
-            break;
-        }
-        days -= length;
-        month += 1;
-    }
-    format!("{year}-{month:02}-{:02}", days + 1)
+    chrono::DateTime::from_timestamp(unix_s.floor() as i64, 0).map_or_else(|| "unknown".to_owned(), |at| at.date_naive().to_string())
 }
 
 #[cfg(test)]

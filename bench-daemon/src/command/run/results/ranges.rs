@@ -2,12 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use analysis::dataset;
+use analysis::{brief::brief, dataset};
 
 use crate::{
     command::{Failure, run::Measured},
     executor::SweepPoint,
-    present::significant,
     record::{RecordError, Recorder},
 };
 
@@ -90,9 +89,7 @@ fn other(slot: usize, (freq_hz, volts): &Scales, reference: &[Scales]) -> bool {
 
 /// Four digits: as many as tell ranges apart that are not one.
 fn short(value: f64) -> String {
-    let text = significant(value, 4);
-    let rounded = text.contains('.') && !text.contains('e');
-    if rounded { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    brief(value, 4)
 }
 
 /// The record of a control that is nearest in frequency.
