@@ -32,8 +32,9 @@ mod verdict;
 
 use num_complex::Complex64;
 
+use crate::fit::linalg::{cholesky, cholesky_substitute};
 use crate::spectrum::{ChannelPhasors, Covariance2, ImpedancePoint};
-use model::{COUNT, Harness};
+use model::{COUNT, Harness, Slope};
 pub use verdict::{ControlTolerance, ControlVerdict, check_control, check_short};
 
 /// An impedance R + jωL known from elsewhere, with standard deviations.
@@ -161,6 +162,66 @@ pub struct Correction {
     pub noise_factor: f64,
     /// Lowest and highest frequency of the controls, Hz.
     pub span_hz: Option<(f64, f64)>,
+}
+
+/// What a correction leaves in all impedances corrected by it alike: each of three independent errors, here one standard deviation of each, makes Z of a cell wrong
+/// by jω·(τ·Z + L), and Z of the shunt by jω·L′. Repeats do not show them, and no mean makes them smaller.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CommonError {
+    /// τ, s.
+    pub skew_s: [f64; 3],
+    /// L, H.
+    pub inductance_h: [f64; 3],
+    /// L′, H: with the voltage probes on the shunt.
+    pub at_shunt_h: [f64; 3],
+}
+
+/// Units in which skews and inductances are found, s and H.
+const SKEW_UNIT_S: f64 = 1e-6;
+const INDUCTANCE_UNIT_H: f64 = 1e-9;
+
+/// How an inductance (H) and, with three columns, a skew (s) follow each parameter: least squares of relative errors with a gain, an inductance and a skew.
+fn follow(points: impl Iterator<Item = (f64, Slope)>, count: usize) -> Option<[[f64; COUNT]; 2]> {
+    let mut normal = vec![0.0; count * count];
+    let mut sides = vec![[0.0; COUNT]; count];
+    let along = |a: Complex64, b: Complex64| a.re * b.re + a.im * b.im;
+    for (freq_hz, impedance) in points {
+        let (z, j_omega) = (impedance.value, Complex64::new(0.0, std::f64::consts::TAU * freq_hz));
+        let columns = [Complex64::ONE, INDUCTANCE_UNIT_H * j_omega / z, SKEW_UNIT_S * j_omega];
+        let slopes = impedance.by_parameters();
+        for (row, a) in columns[..count].iter().enumerate() {
+            columns[..count].iter().enumerate().for_each(|(column, b)| normal[row * count + column] += along(*a, *b));
+            slopes.iter().zip(&mut sides[row]).for_each(|(slope, side)| *side += along(*a, slope / z));
+        }
+    }
+    let solvable = cholesky(&mut normal, count);
+    let mut found = [[0.0; COUNT]; 2];
+    for k in 0..COUNT {
+        let mut x: Vec<f64> = sides.iter().map(|side| side[k]).collect();
+        cholesky_substitute(&normal, count, &mut x);
+        (found[0][k], found[1][k]) = (INDUCTANCE_UNIT_H * x[1], SKEW_UNIT_S * x.get(2).copied().unwrap_or(0.0));
+    }
+    solvable.then_some(found)
+}
+
+/// Independent errors, the columns, that have this covariance: the lower triangle L of L·Lᵀ, with nothing where nothing is left.
+fn independent(covariance: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
+    let mut l = [[0.0; 3]; 3];
+    for i in 0..3 {
+        for j in 0..=i {
+            let known: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
+            let left = covariance[i][j] - known;
+            l[i][j] = if i == j {
+                left.max(0.0).sqrt()
+            } else if l[j][j] > 0.0 {
+                left / l[j][j]
+            } else {
+                0.0
+            };
+        }
+    }
+    l
 }
 
 /// A parameter of the harness.
@@ -303,6 +364,33 @@ impl Correction {
             *noise = Covariance2 { re_re: rest.re_re.max(0.0), im_im: rest.im_im.max(0.0), ..rest };
         }
         parts
+    }
+
+    /// What the uncertainty of the correction does to all impedances corrected so at once: derivatives by the parameters of the harness, taken apart by least
+    /// squares into a gain, which is left out, a skew and an inductance. `jig` are points of the cell, `shunt` such with the voltage probes on the shunt; none
+    /// where that is never measured again. None for fewer than two points of the cell.
+    pub fn common_error(&self, jig: &[ChannelPhasors], shunt: &[ChannelPhasors]) -> Option<CommonError> {
+        if jig.len() < 2 {
+            return None;
+        }
+        let of = |points: &[ChannelPhasors], at_shunt: bool| -> Option<[[f64; COUNT]; 2]> {
+            let impedance = |phasors: &ChannelPhasors| {
+                let harness = Harness::new(&self.values, phasors);
+                if at_shunt { harness.impedance_at_shunt() } else { harness.impedance() }
+            };
+            // On a resistance a skew and an inductance are one.
+            let count = if at_shunt { 2 } else { 3 };
+            follow(points.iter().map(|phasors| (phasors.freq_hz, impedance(phasors))), count)
+        };
+        let [inductance, skew] = of(jig, false)?;
+        let at_shunt = if shunt.len() < 2 { [0.0; COUNT] } else { of(shunt, true)?[0] };
+        let rows = [skew, inductance, at_shunt];
+        let between = |a: &[f64; COUNT], b: &[f64; COUNT]| -> f64 {
+            self.covariance.iter().zip(a).map(|(row, a)| a * row.iter().zip(b).map(|(c, b)| c * b).sum::<f64>()).sum()
+        };
+        let parts = independent(&std::array::from_fn(|i| std::array::from_fn(|j| between(&rows[i], &rows[j]))));
+        let error = CommonError { skew_s: parts[0], inductance_h: parts[1], at_shunt_h: parts[2] };
+        parts.iter().flatten().all(|v| v.is_finite()).then_some(error)
     }
 
     /// The parameters with standard deviations.

@@ -60,6 +60,8 @@ pub const TRACE_COLUMNS: &[ColumnSpec] = &[
     ColumnSpec { name: "Voltage / V", unit: "V", doc: "voltage of the cell" },
     ColumnSpec { name: "Surface Temperature T1 / degC", unit: "°C", doc: "temperature of the cell's surface; NaN if not measured" },
     ColumnSpec { name: "Averaged Samples / 1", unit: "1", doc: "samples of the scope that current and voltage are the mean of" },
+    ColumnSpec { name: "Averaged From / s", unit: "s", doc: "start of that mean, in test time; NaN if unknown" },
+    ColumnSpec { name: "Averaged To / s", unit: "s", doc: "its end" },
 ];
 
 /// Columns of a leg of direct current: those of BDF, and the charge.
@@ -99,6 +101,8 @@ pub struct TraceRow {
     pub temperature_c: f64,
     /// Samples that current and voltage are the mean of.
     pub samples: f64,
+    /// Start and end of that mean, s; not numbers if unknown. The last row before a step stands nearer to the step than its mean.
+    pub averaged_s: (f64, f64),
 }
 
 /// One row of a time series.
@@ -229,14 +233,16 @@ impl rows::Row for SeriesRow {
 
 impl rows::Row for TraceRow {
     const COLUMNS: &'static [ColumnSpec] = TRACE_COLUMNS;
+    // Earlier runs do not tell the windows.
+    const NEEDED: usize = 5;
 
     fn values(&self) -> Vec<f64> {
-        vec![self.time_s, self.current_a, self.voltage_v, self.temperature_c, self.samples]
+        vec![self.time_s, self.current_a, self.voltage_v, self.temperature_c, self.samples, self.averaged_s.0, self.averaged_s.1]
     }
 
     fn from_values(values: &[f64]) -> Option<Self> {
-        let [time_s, current_a, voltage_v, temperature_c, samples] = *values else { return None };
-        Some(Self { time_s, current_a, voltage_v, temperature_c, samples })
+        let [time_s, current_a, voltage_v, temperature_c, samples, from_s, to_s] = *values else { return None };
+        Some(Self { time_s, current_a, voltage_v, temperature_c, samples, averaged_s: (from_s, to_s) })
     }
 }
 

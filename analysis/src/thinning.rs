@@ -44,10 +44,14 @@ pub struct Mean {
     pub volts: [f64; 4],
     /// How many samples.
     pub samples: usize,
+    /// Start and end of the stretch that they cover, s.
+    pub averaged_s: (f64, f64),
 }
 
 /// Samples before a step that one row is the mean of, at most.
 const BEFORE: usize = 100;
+/// Part of a step by which a sample may lie beyond both of its levels.
+const BEYOND: f64 = 0.5;
 
 /// Thins a frame out; `windows` tell where steps were commanded, in order and apart from each other.
 pub fn thin(capture: &Capture, windows: &[Window], thinning: &Thinning) -> Thinned {
@@ -107,7 +111,13 @@ impl Frame<'_> {
             return sharp;
         }
         let (before, after) = (mean(step - 1 - settle..step - 1), mean(step + settle..step + 2 * settle));
-        let share = (mean(step - settle..step + settle) - before) / (after - before);
+        // A sample beyond both levels was taken while the step passed: one of the two channels had seen it, the other, skewed, had not. The current had not
+        // moved yet.
+        let seen = |k: usize| {
+            let part = (self.between((0, 1), k) - before) / (after - before);
+            if (-BEYOND..=1.0 + BEYOND).contains(&part) { part } else { 0.0 }
+        };
+        let share = (step - settle..step + settle).map(seen).sum::<f64>() / (2 * settle) as f64;
         let centre = (step + settle) as f64 - 0.5 - 2.0 * settle as f64 * share;
         // What noise makes of a small step must not turn the order of the rows round.
         centre.clamp(sharp - 0.5, sharp + 0.5 * settle as f64)
@@ -155,7 +165,8 @@ impl Frame<'_> {
             sum as f64 / samples as f64 * scale.volts_per_code - scale.offset_v
         };
         let middle = 0.5 * (range.start + range.end - 1) as f64;
-        Some(Mean { time_s: middle * self.interval_s, volts: [of(0), of(1), of(2), of(3)], samples })
+        let averaged_s = ((range.start as f64 - 0.5) * self.interval_s, (range.end as f64 - 0.5) * self.interval_s);
+        Some(Mean { time_s: middle * self.interval_s, volts: [of(0), of(1), of(2), of(3)], samples, averaged_s })
     }
 
     /// Scatter of one sample, from the differences of neighbours that no step parts.
@@ -222,6 +233,25 @@ mod tests {
         assert_eq!((thinned.means[before].samples, thinned.means[before + 1].samples), (BEFORE - 1, 1));
         for sigma in [thinned.sigma_shunt_v, thinned.sigma_jig_v] {
             assert!((sigma / 1.0e-3 - 1.0).abs() < 0.05, "{sigma}");
+        }
+    }
+
+    /// Two channels read a microsecond apart: a sample in the very step shows a current that never flowed, and the step is not where it is not.
+    #[test]
+    fn a_sample_taken_in_the_step_does_not_move_it() {
+        const STEP: usize = 5_000;
+        let centre = |glitch_v: f64| {
+            let mut capture = capture(&[(STEP + 1, 0.1)]);
+            let glitch = (glitch_v / capture.meta.channels[1].scale.volts_per_code).round() as i16;
+            capture.codes[1][STEP] += glitch;
+            let means = thin(&capture, &[(4.9, 5.1)], &Thinning { settle_s: 3e-3, first_s: 6e-3, ..THINNING }).means;
+            let after = means.iter().position(|mean| mean.volts[1] > 0.05 && mean.samples < 5).unwrap();
+            0.5 * (means[after - 1].time_s + means[after].time_s) / INTERVAL_S
+        };
+        let still = centre(0.0);
+        assert!((still - (STEP as f64 + 0.5)).abs() < 0.2, "{still}");
+        for glitch_v in [0.35, -0.25] {
+            assert!((centre(glitch_v) - still).abs() < 0.2, "{} V: {}", glitch_v, centre(glitch_v));
         }
     }
 

@@ -14,6 +14,8 @@ use super::{ColumnSpec, DatasetError};
 pub(super) trait Row: Sized {
     /// Its columns, in order.
     const COLUMNS: &'static [ColumnSpec];
+    /// How many of them every file has; what a file lacks is not known.
+    const NEEDED: usize = Self::COLUMNS.len();
 
     /// One number per column.
     fn values(&self) -> Vec<f64>;
@@ -42,10 +44,11 @@ pub(super) fn read_csv<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
     let text = String::from_utf8_lossy(&bytes[..whole]);
     let mut lines = text.split('\n').map(|line| line.trim_end_matches('\r'));
     let (expected, found) = (header::<R>(), lines.next().unwrap_or(""));
-    if found != expected {
+    let columns = (R::NEEDED..=R::COLUMNS.len()).find(|columns| found == names(&R::COLUMNS[..*columns]));
+    let Some(columns) = columns else {
         return Err(DatasetError::Header { path: path.to_path_buf(), expected, found: found.to_owned() });
-    }
-    lines.enumerate().filter(|(_, line)| !line.is_empty()).map(|(index, line)| parse_line(path, index + 2, line)).collect()
+    };
+    lines.enumerate().filter(|(_, line)| !line.is_empty()).map(|(index, line)| parse_line(path, (index + 2, columns), line)).collect()
 }
 
 pub(super) fn write_parquet<R: Row>(path: &Path, rows: &[R]) -> Result<(), DatasetError> {
@@ -69,7 +72,11 @@ pub(super) fn write_columns(path: &Path, columns: &[(ColumnSpec, &[f64])]) -> Re
 
 pub(super) fn read_parquet<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
     let (frame, _) = read_frame(path)?;
-    let columns: Vec<Vec<f64>> = R::COLUMNS.iter().map(|spec| numbers(path, &frame, spec)).collect::<Result<_, _>>()?;
+    let column = |(index, spec): (usize, &ColumnSpec)| {
+        let told = index < R::NEEDED || frame.column(spec.name).is_ok();
+        if told { numbers(path, &frame, spec) } else { Ok(vec![f64::NAN; frame.height()]) }
+    };
+    let columns: Vec<Vec<f64>> = R::COLUMNS.iter().enumerate().map(column).collect::<Result<_, _>>()?;
     let row = |index: usize| {
         let values: Vec<f64> = columns.iter().filter_map(|column| column.get(index).copied()).collect();
         R::from_values(&values)
@@ -94,7 +101,11 @@ fn numbers(path: &Path, frame: &DataFrame, spec: &ColumnSpec) -> Result<Vec<f64>
 }
 
 fn header<R: Row>() -> String {
-    let names: Vec<&str> = R::COLUMNS.iter().map(|spec| spec.name).collect();
+    names(R::COLUMNS)
+}
+
+fn names(columns: &[ColumnSpec]) -> String {
+    let names: Vec<&str> = columns.iter().map(|spec| spec.name).collect();
     names.join(",")
 }
 
@@ -109,7 +120,7 @@ fn line<R: Row>(row: &R) -> String {
     text
 }
 
-fn parse_line<R: Row>(path: &Path, line: usize, text: &str) -> Result<R, DatasetError> {
+fn parse_line<R: Row>(path: &Path, (line, columns): (usize, usize), text: &str) -> Result<R, DatasetError> {
     let wrong = |column: &str, expected, found: &str| DatasetError::Field {
         path: path.to_path_buf(),
         line,
@@ -119,12 +130,13 @@ fn parse_line<R: Row>(path: &Path, line: usize, text: &str) -> Result<R, Dataset
     };
     let mut fields = text.split(',');
     let mut values = Vec::with_capacity(R::COLUMNS.len());
-    for spec in R::COLUMNS {
+    for spec in &R::COLUMNS[..columns] {
         let field = fields.next().ok_or_else(|| wrong(spec.name, "a number", "end of line"))?;
         let value = if field.trim().is_empty() { Ok(f64::NAN) } else { field.trim().parse() };
         values.push(value.map_err(|_| wrong(spec.name, "a number", field))?);
     }
-    let last = R::COLUMNS.last().map_or("", |spec| spec.name);
+    values.resize(R::COLUMNS.len(), f64::NAN);
+    let last = R::COLUMNS[..columns].last().map_or("", |spec| spec.name);
     if let Some(extra) = fields.next() {
         return Err(wrong(last, "the end of the line after it", extra));
     }

@@ -3,22 +3,32 @@
 use super::attempts::{Attempt, is_outside};
 use super::data::Role;
 use super::guards::{
-    CONVERGED, CONVERGED_PART, GOOD_FIT_Z, HELD_OUT_PART, HELD_OUT_SHARE, HELD_OUT_SUM, HELD_OUT_Z, INTEGRATION_PART, LEAST_LAMBDA,
-    LEAST_SCORE, MATERIAL_SHARE,
+    CONVERGED, CONVERGED_PART, FORMULA_SHARE, GOOD_FIT_Z, HELD_OUT_PART, HELD_OUT_SUM, HELD_OUT_Z, INTEGRATION_PART, LEAST_LAMBDA,
+    LEAST_SCORE, MATERIAL_SHARE, beyond_formula,
 };
 use super::outcome::Evidence;
 use super::problem::Fit;
 use super::select::{Search, excess_z};
 use super::whitening::dot;
 
+/// Whether an attempt's gain says that something is missing beside what has gained so much already.
+pub(super) fn tells(attempt: &Attempt, gained: f64) -> bool {
+    let penalty = attempt.lambda - attempt.score;
+    beyond_formula(attempt.lambda, gained) - penalty >= LEAST_SCORE
+}
+
 impl Search<'_> {
     /// The evidence for one member of an attempt's fit against the fit without it; the reason where something does not speak for it.
-    pub(super) fn accept(&mut self, before: &Fit, attempt: &Attempt, member: usize) -> Result<Evidence, String> {
+    pub(super) fn accept(&mut self, (base, before): (&Fit, &Fit), attempt: &Attempt, member: usize) -> Result<Evidence, String> {
         let dof = self.problem.degrees_of_freedom(before);
         let (excess, left) = (before.chi2 - dof, excess_z(attempt.fit.chi2, self.problem.degrees_of_freedom(&attempt.fit)));
         let share = if excess > 0.0 { (attempt.lambda / excess).min(1.0) } else { 1.0 };
         if attempt.score < LEAST_SCORE {
             return Err(format!("penalised gain {:.1}: expected at least {LEAST_SCORE}", attempt.score));
+        }
+        if !tells(attempt, base.chi2 - before.chi2) {
+            let percent = 100.0 * FORMULA_SHARE;
+            return Err(format!("penalised gain {:.1}, no more than {percent:.0} % of an effect can look like", attempt.score));
         }
         if is_outside(attempt.name) {
             return Err("it is no effect of the catalogue".to_owned());
@@ -77,7 +87,7 @@ impl Search<'_> {
         let along: Vec<f64> = columns.iter().map(|c| dot(&u, c)).collect();
         let spread: f64 = (0..n * n).map(|ij| along[ij / n] * along[ij % n] * covariance[ij]).sum();
         let along = dot(&u, &left);
-        let beyond = (along.abs() - HELD_OUT_SHARE * size).max(0.0).copysign(along);
+        let beyond = (along.abs() - FORMULA_SHARE * size).max(0.0).copysign(along);
         beyond / (1.0 + spread.max(0.0)).sqrt()
     }
 
@@ -94,5 +104,22 @@ impl Search<'_> {
             worst = white.iter().fold(worst, |w, e| w.max(e.abs()));
         }
         worst
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnosis::structure::Structure;
+
+    /// 3 % of an effect of λ = 10⁴ are worth 9 of χ²: a second one that gains 30 beside it may be no more than that, one that gains 100 is more.
+    #[test]
+    fn what_differs_from_a_formula_is_no_second_effect() {
+        let fit =
+            Fit { structure: Structure::default(), x: vec![], axes: vec![], chi2: 0.0, residuals: vec![], columns: vec![], promise: 0.0 };
+        let attempt = |lambda: f64| Attempt { name: "rc_slow", fit: fit.clone(), lambda, score: lambda - 14.0, distinct: lambda - 14.0 };
+        assert!(tells(&attempt(30.0), 0.0) && tells(&attempt(30.0), 100.0));
+        assert!(!tells(&attempt(30.0), 1e4) && tells(&attempt(100.0), 1e4));
+        assert!(!tells(&attempt(100.0), 1e6) && tells(&attempt(2000.0), 1e6));
     }
 }

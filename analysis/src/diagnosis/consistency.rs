@@ -15,14 +15,15 @@
 
 use super::block::{Desk, Kind};
 use super::data::Role;
+use super::guards::beyond_formula;
 use super::localise::{Ranges, places};
+use super::periodic::wave;
 use super::problem::{Fit, Problem, Tangent};
 use super::whitening::dot;
 use crate::validity::tail::{chi2_tail, holm};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-/// Part of the effects' size that nature may differ from a catalogue's formula.
-const SHARE: f64 = 0.03;
 /// Part of a direction that must be left outside of all others to be one.
 const LEFT: f64 = 0.02;
 /// Step of the logarithm of all resistances.
@@ -36,7 +37,7 @@ pub(super) struct Inconsistency {
     /// What differs, in words.
     pub(super) quantity: String,
     /// Between which circumstances.
-    pub(super) over: &'static str,
+    pub(super) over: Cow<'static, str>,
     /// χ² that would go if it could, and as how many quantities.
     pub(super) chi2: f64,
     pub(super) dof: usize,
@@ -74,12 +75,17 @@ pub(super) fn inconsistencies(problem: &Problem, (base, fit): (&Fit, &Fit), desk
                 continue;
             }
             let (q, dof) = between(problem, (&train, &change, classes), &tangent, &fit.residuals);
-            let beyond = (q.sqrt() - SHARE * gained.max(0.0).sqrt()).max(0.0).powi(2);
+            let beyond = beyond_formula(q, gained);
             if dof > 0 {
                 let p_value = chi2_tail(beyond, dof as f64);
-                found.push(Inconsistency { quantity: quantity.name.clone(), over, chi2: q, dof, p_value });
+                found.push(Inconsistency { quantity: quantity.name.clone(), over: (*over).into(), chi2: q, dof, p_value });
             }
         }
+    }
+    if let Some(wave) = wave(problem, fit) {
+        let over = format!("the phase of a wave of {:.3} s", wave.period_s).into();
+        let p_value = wave.p_value(beyond_formula(wave.chi2, gained));
+        found.push(Inconsistency { quantity: "what is left".to_owned(), over, chi2: wave.chi2, dof: wave.dof, p_value });
     }
     let corrected = holm(&found.iter().map(|f| f.p_value).collect::<Vec<f64>>());
     found.iter_mut().zip(corrected).for_each(|(f, p)| f.p_value = p);

@@ -1,6 +1,7 @@
 //! The data set of a diagnosis: runs with their circumstances, and what the bench's history says of its errors.
 
 use crate::augmented::Between;
+use crate::calibration::CommonError;
 use crate::series::TimeSeries;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
@@ -14,6 +15,8 @@ pub struct DataSet {
     pub runs: Vec<Run>,
     /// What the bench's past says of its errors; none where nothing is known.
     pub history: Option<BenchHistory>,
+    /// What the correction by control impedances leaves in all spectra alike; the points' own σ are without it then.
+    pub calibration: Option<CommonError>,
 }
 
 /// One run.
@@ -106,6 +109,8 @@ pub struct TimeRecord {
     pub level_sigma_v: f64,
     /// Standard deviation of each voltage's own noise, V, where it is stated: rows that are means of more or fewer samples.
     pub sigma_v: Option<Vec<f64>>,
+    /// From when to when each sample is the mean of what was measured, s, where it is told: a mean of what decays is not its value in the middle.
+    pub averaged_s: Option<Vec<(f64, f64)>>,
 }
 
 /// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data sheets, zero checks.

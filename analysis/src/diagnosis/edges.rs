@@ -54,7 +54,8 @@ mod tests {
         let time_s: Vec<f64> = (0..40).map(|k| 0.1 * f64::from(k)).collect();
         let current_a: Vec<f64> = (0..40).map(|k| if k < 10 { 0.0 } else { 2.0 }).collect();
         let series = TimeSeries { name: "s".to_owned(), voltage_v: vec![3.7; 40], current_a, time_s, temperature_c: None };
-        let record = TimeRecord { series, between: Between::Linear, compared_from_s: 0.5, level_sigma_v: 0.0, sigma_v: None };
+        let record =
+            TimeRecord { series, between: Between::Linear, compared_from_s: 0.5, level_sigma_v: 0.0, sigma_v: None, averaged_s: None };
         let time = TimeBlock::new(&record);
         let facts = Facts {
             lowest_hz: None,

@@ -73,8 +73,8 @@ pub(super) const HELD_OUT_PART: f64 = 0.1;
 pub(super) const HELD_OUT_SUM: f64 = 20.0;
 /// Standard deviations by which held-out runs may contradict the size of what an addition predicts for them.
 pub(super) const HELD_OUT_Z: f64 = 4.0;
-/// Part of that size that nature may differ from a catalogue's formula.
-pub(super) const HELD_OUT_SHARE: f64 = 0.03;
+/// Part of an effect's size that nature may differ from a catalogue's formula.
+pub(super) const FORMULA_SHARE: f64 = 0.03;
 /// Probability, corrected for the number of questions, below which a block or a difference between circumstances says that something is missing.
 pub(super) const LEAST_BLOCK_P: f64 = 1e-4;
 /// Times that the steps of a record may be halved to integrate well enough.
@@ -98,4 +98,10 @@ pub(super) const MOST_EFFECTS: usize = 3;
 /// Penalised gain by which an effect of this λ must lead its rivals.
 pub(super) fn naming_lead(measured: bool, lambda: f64) -> f64 {
     if measured { NAMING_LEAD } else { NAMING_LEAD.max(ASSUMED_LEAD * lambda) }
+}
+
+/// χ² that is left of a further λ where so much was gained already: what was added differs from nature by up to [`FORMULA_SHARE`] of its size, and the difference
+/// has the look of something else.
+pub(super) fn beyond_formula(lambda: f64, gained: f64) -> f64 {
+    (lambda.max(0.0).sqrt() - FORMULA_SHARE * gained.max(0.0).sqrt()).max(0.0).powi(2)
 }

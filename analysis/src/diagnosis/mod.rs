@@ -19,6 +19,7 @@ mod judge;
 mod localise;
 mod noise;
 mod outcome;
+mod periodic;
 mod prepare;
 mod problem;
 mod propose;
@@ -28,6 +29,7 @@ mod select;
 mod shared;
 mod structure;
 mod whitening;
+mod windows;
 pub mod yardstick;
 
 pub use block::DataSetError;

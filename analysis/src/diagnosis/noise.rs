@@ -10,6 +10,7 @@ use super::edges::{self, UNIFORM};
 use super::shared::{self, Errors};
 use super::whitening::{Whitener, dot};
 use crate::augmented::{Added, network};
+use crate::calibration::CommonError;
 use crate::effects::{Base, resistance_spread};
 
 /// Standard deviation of the logarithm of a history's σ.
@@ -54,10 +55,11 @@ pub(super) struct Prior {
     pub(super) spread: f64,
     pub(super) known: bool,
     history: BenchHistory,
+    calibration: Option<CommonError>,
 }
 
 impl Prior {
-    pub(super) fn new(history: Option<BenchHistory>, base: &Base) -> Self {
+    pub(super) fn new((history, calibration): (Option<BenchHistory>, Option<CommonError>), base: &Base) -> Self {
         let greatest = base.facts.greatest_a;
         let guess = BenchHistory {
             voltage_noise_v: 5e-4,
@@ -87,7 +89,7 @@ impl Prior {
         };
         let log_sigmas = TERMS.map(|(term, _)| sigma(term).max(1e-12).ln());
         let spread = if history.is_some() { HISTORY_SPREAD } else { IGNORANCE_SPREAD };
-        Self { log_sigmas, spread, known: history.is_some(), history: h }
+        Self { log_sigmas, spread, known: history.is_some(), history: h, calibration }
     }
 
     /// Variance of one voltage sample that no estimate touches: codes of both channels and noise of the current, V².
@@ -132,7 +134,7 @@ impl Shape {
                     fixed: (0..size.len()).map(|k| stated(k).powi(2) + (1e-7 * size[k]).powi(2)).collect(),
                     white: (Term::Eis, size.iter().map(|z| z * z).collect()),
                     drift: Vec::new(),
-                    shared: shared::of_spectrum(&block.kind, &predicted, &prior.history),
+                    shared: shared::of_spectrum(&block.kind, &predicted, (&prior.history, prior.calibration)),
                     vectors: vec![(Term::Resistance, resistance)],
                     known: Vec::new(),
                     codes: Vec::new(),
@@ -159,7 +161,7 @@ impl Shape {
         let fixed_v = codes.fresh() + current_noise_v + 1e-14;
         let mut respond = |change: &dyn Fn(usize, f64) -> f64, scale: f64| {
             let current_a: Vec<f64> = time.current_a.iter().enumerate().map(|(k, i)| i + change(k, *i)).collect();
-            desk.player.play((base, added), &block.record(time, &current_a), (&time.grid, 1), &mut desk.voltage_v);
+            block.play(time, (base, added), &current_a, (1, &mut *desk));
             time.average(&desk.voltage_v).iter().zip(predicted).map(|(a, b)| (a - b) * scale).collect::<Vec<f64>>()
         };
         let gain = respond(&|_, i| 1e-2 * i, 1e2);

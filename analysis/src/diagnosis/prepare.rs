@@ -45,7 +45,7 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
     }
     let base = Base { erm: model.erm.clone(), ocv: model.ocv.clone(), facts: facts(set, &model.ocv) };
     let blocks = blocks(set, &base)?;
-    let prior = Prior::new(set.history, &base);
+    let prior = Prior::new((set.history, set.calibration), &base);
     let mut desk = Desk::default();
     let shapes = guarded_shapes(&blocks, (&base, &[], &prior), (guards, &mut desk));
     let residuals: Vec<Vec<f64>> = blocks

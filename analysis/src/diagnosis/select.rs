@@ -1,8 +1,9 @@
 //! Adds effects one by one, each only if everything speaks for it, and takes back what later ones make needless.
 
+use super::accept::tells;
 use super::attempts::{Attempt, is_outside};
 use super::block::Desk;
-use super::guards::{Guards, LEAST_SCORE, MOST_EFFECTS, NAMING_LEAD, OUTSIDE_ALONE};
+use super::guards::{Guards, MOST_EFFECTS, NAMING_LEAD, OUTSIDE_ALONE};
 use super::outcome::{Candidate, Evidence};
 use super::problem::{Fit, Problem};
 use crate::effects::{Effect, outside};
@@ -144,17 +145,18 @@ impl Search<'_> {
         for attempt in attempts {
             let attempt = self.integrated(&selection.fit, attempt);
             let last = attempt.fit.structure.members.len() - 1;
-            let reason = match self.accept(&selection.fit, &attempt, last) {
+            let gained = selection.base.chi2 - selection.fit.chi2;
+            let reason = match self.accept((&selection.base, &selection.fit), &attempt, last) {
                 Ok(evidence) => return Some((attempt, evidence)),
                 Err(reason) => reason,
             };
-            if attempt.score >= LEAST_SCORE && selection.refused.is_none() {
+            if tells(&attempt, gained) && selection.refused.is_none() {
                 selection.refused = Some((attempt.name, attempt.score, reason.clone()));
             }
             if let Some(c) = ranking.iter_mut().find(|c| c.name == attempt.name) {
                 c.refused_because = reason;
             }
-            if attempt.score >= LEAST_SCORE && selection.refused_fits.len() < MOST_REFUSED {
+            if tells(&attempt, gained) && selection.refused_fits.len() < MOST_REFUSED {
                 selection.refused_fits.push(attempt);
             }
         }
@@ -176,7 +178,7 @@ impl Search<'_> {
             let lambda = without.chi2 - selection.fit.chi2;
             let score = lambda - self.problem.penalty(&selection.fit.structure.members[k]);
             let attempt = Attempt { name: selection.taken[k].name, lambda, score, distinct: score, fit: selection.fit.clone() };
-            if let Ok(evidence) = self.accept(&without, &attempt, k) {
+            if let Ok(evidence) = self.accept((&selection.base, &without), &attempt, k) {
                 selection.taken[k].evidence = evidence;
                 k += 1;
             } else {

@@ -1,5 +1,6 @@
 //! Errors that are the same in all runs of a campaign: what the calibration left of the current's gain, what it cannot see because current and voltage
-//! share it, and the error of the meter that start voltages are read with. Repeats do not show them, and more repeats do not make them smaller.
+//! share it, the error of the meter that start voltages are read with, and the skew and inductance that a correction by control impedances leaves in spectra.
+//! Repeats do not show them, and more repeats do not make them smaller.
 //!
 //! With v what one standard deviation of such an error does to the whitened rows of all runs, their covariance is I + v·vᵀ. The operator
 //! I − c·u·uᵀ, u = v/|v|, c = 1 − 1/√(1 + |v|²), makes it I again; for several errors one such operator after the other, each with v as the ones before it
@@ -8,10 +9,12 @@
 use super::block::{Block, Kind, TimeBlock};
 use super::data::BenchHistory;
 use super::whitening::dot;
-use crate::effects::Base;
+use crate::calibration::CommonError;
+use crate::effects::{Base, Point};
 
-/// What one standard deviation of each shared error does to the rows of a block: of the calibration, of the gain of both channels, of the start voltage.
-pub(super) type Errors = [Vec<f64>; 3];
+/// What one standard deviation of each shared error does to the rows of a block: of the calibration, of the gain of both channels, of the start voltage, and of
+/// the three independent parts of what the correction leaves.
+pub(super) type Errors = [Vec<f64>; 6];
 
 /// Of a record with these predicted rows; `gain` is what the current's gain does to them, per unit.
 pub(super) fn of_record(
@@ -28,16 +31,31 @@ pub(super) fn of_record(
     // The voltage counts from rest: both channels too large by a part show that part more of every change.
     let rest_v = base.ocv.voltage_v(block.at.soc);
     let both = predicted.iter().zip(gain).map(|(v, g)| history.channel_gain_rel * (v - rest_v - g)).collect();
-    [gain.iter().map(|v| history.calibration_rel * v).collect(), both, started]
+    // Microseconds are nothing to a record.
+    let nothing = vec![0.0; predicted.len()];
+    [gain.iter().map(|v| history.calibration_rel * v).collect(), both, started, nothing.clone(), nothing.clone(), nothing]
 }
 
 /// Of a spectrum with these predicted rows. A control is what the calibration goes by: there its error cannot be seen.
-pub(super) fn of_spectrum(kind: &Kind, predicted: &[f64], history: &BenchHistory) -> Errors {
-    let control = matches!(kind, Kind::Eis { control_ohm: Some(_), .. });
-    let gain = if control { 0.0 } else { history.calibration_rel };
+pub(super) fn of_spectrum(kind: &Kind, predicted: &[f64], (history, calibration): (&BenchHistory, Option<CommonError>)) -> Errors {
     // A ratio of two channels does not know what they share.
     let nothing = vec![0.0; predicted.len()];
-    [predicted.iter().map(|z| gain * z).collect(), nothing.clone(), nothing]
+    let Kind::Eis { points, control_ohm, .. } = kind else { return Errors::default() };
+    let is_cell = control_ohm.is_none();
+    let gain = if is_cell { history.calibration_rel } else { 0.0 };
+    let left: [Vec<f64>; 3] = std::array::from_fn(|k| {
+        let of = |(point, z): (&Point, &[f64])| {
+            let omega = std::f64::consts::TAU * point.freq_hz;
+            calibration.map_or([0.0; 2], |left| match is_cell {
+                // jω·(τ·Z + L).
+                true => [-omega * left.skew_s[k] * z[1], omega * (left.skew_s[k] * z[0] + left.inductance_h[k])],
+                false => [0.0, omega * left.at_shunt_h[k]],
+            })
+        };
+        points.iter().zip(predicted.chunks_exact(2)).flat_map(of).collect()
+    });
+    let [first, second, third] = left;
+    [predicted.iter().map(|z| gain * z).collect(), nothing.clone(), nothing, first, second, third]
 }
 
 /// The operator that takes shared errors out of whitened rows.

@@ -161,6 +161,38 @@ fn without_errors_the_correction_changes_nothing() {
     }
 }
 
+/// What a correction carries into a phase at the upper end of the band is a skew and an inductance, and nothing else.
+#[test]
+fn the_common_error_is_what_the_correction_carries() {
+    let mut noise = Noise::new(13);
+    let runs = runs(&crooked(), &mut noise);
+    let controls = Controls {
+        current_shunt: known(SHUNT, &mut noise),
+        shunt: &runs.shunt,
+        fake_cell: Some((known(FAKE_CELL, &mut noise), &runs.fake)),
+        short: None,
+        open: None,
+        priors: Priors::default(),
+    };
+    let correction = Correction::fit(&controls).unwrap();
+    let left = correction.common_error(&runs.cell, &runs.shunt).unwrap();
+    let mut compared = 0;
+    let high = |phasors: &&ChannelPhasors| phasors.freq_hz > 60.0;
+    for (jig, shunt) in runs.cell.iter().filter(high).zip(runs.shunt.iter().filter(high)) {
+        let (z_ohm, omega) = (correction.apply(jig).z_ohm, std::f64::consts::TAU * jig.freq_hz);
+        let told: f64 = left.skew_s.iter().zip(&left.inductance_h).map(|(skew_s, l_h)| (omega * (skew_s * z_ohm.re + l_h)).powi(2)).sum();
+        let carried = correction.carried_covariance(jig).im_im;
+        assert!((told / carried - 1.0).abs() < 0.05, "{} Hz: {told} Ω² of {carried} Ω²", jig.freq_hz);
+        let told: f64 = left.at_shunt_h.iter().map(|l_h| (omega * l_h).powi(2)).sum();
+        let own: f64 = correction.measured_parts(shunt).iter().map(|part| part.im_im).sum();
+        let carried = correction.apply_at_shunt(shunt).covariance.im_im - own;
+        assert!((told / carried - 1.0).abs() < 0.2, "{} Hz, shunt: {told} Ω² of {carried} Ω²", jig.freq_hz);
+        compared += 1;
+    }
+    assert!(compared > 2);
+    assert!(correction.common_error(&runs.cell[..1], &[]).is_none());
+}
+
 #[test]
 fn parameters_come_back_where_the_controls_tell_them() {
     let mut noise = Noise::new(11);

@@ -2,6 +2,7 @@
 
 use std::{
     collections::HashMap,
+    ops::Range,
     path::{Path, PathBuf},
 };
 
@@ -82,19 +83,45 @@ pub(super) fn sweep(spectrum: &Spectrum, bias_a: f64, amplitude_a: Option<f64>) 
     Sweep { bias_a, points: points.collect() }
 }
 
-/// The part of a series between two of its times, s, with its first sample at time zero; none where fewer than two samples are in it.
-pub(super) fn window(series: &TimeSeries, from_s: f64, to_s: f64) -> Option<TimeSeries> {
+/// Column of a record in time that states the standard deviation of each voltage.
+pub(super) const SIGMA_COLUMN: &str = "Voltage Standard Deviation / V";
+
+/// Columns of a record in time that state from when to when each sample is a mean.
+pub(super) const WINDOW_COLUMNS: [&str; 2] = ["Averaged From / s", "Averaged To / s"];
+
+/// Numbers of a further column of a table of so many samples; none where the table has no such column.
+pub(super) fn column(path: &Path, name: &str, (samples, fits): (usize, fn(&f64) -> bool)) -> Result<Option<Vec<f64>>, FileError> {
+    if path.extension().is_none_or(|extension| extension != "csv") {
+        return Ok(None);
+    }
+    let text = std::fs::read_to_string(path).map_err(|error| FileError::Usage(format!("{}: {error}", path.display())))?;
+    let mut lines = text.lines();
+    let place = lines.next().and_then(|header| header.split(',').position(|column| column.trim() == name));
+    let Some(place) = place else { return Ok(None) };
+    let value = |line: &str| line.split(',').nth(place)?.trim().parse::<f64>().ok().filter(fits);
+    let values: Option<Vec<f64>> = lines.filter(|line| !line.trim().is_empty()).map(value).collect();
+    let expected = || format!("{}: expected a number that can be in column {name:?} of each of {samples} samples", path.display());
+    values.filter(|values| values.len() == samples).map(Some).ok_or_else(|| FileError::Damaged(expected()))
+}
+
+/// The samples of a series between two of its times, s; none where they are fewer than two.
+pub(super) fn window(series: &TimeSeries, from_s: f64, to_s: f64) -> Option<Range<usize>> {
     let first = series.time_s.partition_point(|t| *t < from_s);
     let last = series.time_s.partition_point(|t| *t <= to_s);
-    let start_s = *series.time_s.get(first).filter(|_| last >= first + 2)?;
-    let part = |all: &[f64]| all[first..last].to_vec();
-    Some(TimeSeries {
+    (last >= first + 2).then_some(first..last)
+}
+
+/// A part of a series, with its first sample at time zero.
+pub(super) fn part(series: &TimeSeries, window: Range<usize>) -> TimeSeries {
+    let start_s = series.time_s[window.start];
+    let part = |all: &[f64]| all[window.clone()].to_vec();
+    TimeSeries {
         name: series.name.clone(),
-        time_s: series.time_s[first..last].iter().map(|t| t - start_s).collect(),
+        time_s: series.time_s[window.clone()].iter().map(|t| t - start_s).collect(),
         current_a: part(&series.current_a),
         voltage_v: part(&series.voltage_v),
         temperature_c: series.temperature_c.as_deref().map(part),
-    })
+    }
 }
 
 fn series_error(error: &SeriesReadError) -> FileError {

@@ -2,6 +2,7 @@
 
 use analysis::{
     augmented::Between,
+    calibration::CommonError,
     diagnosis::{BenchHistory, Role},
     formats::CurrentSign,
 };
@@ -13,6 +14,7 @@ use serde::Deserialize;
 pub(super) struct File {
     pub(super) name: String,
     pub(super) bench: Option<BenchHistory>,
+    pub(super) calibration: Option<CommonError>,
     pub(super) runs: Vec<Run>,
 }
 

@@ -50,7 +50,11 @@ pub(super) fn read(path: &Path) -> Result<Loaded, ConfigError> {
     if names.is_empty() {
         return Err(source.complain("runs", "expected at least one [[runs]], found none"));
     }
-    Ok(Loaded { set: DataSet { name: raw.name, runs: with_starts(listed), history: raw.bench }, problems, notes: Vec::new() })
+    Ok(Loaded {
+        set: DataSet { name: raw.name, runs: with_starts(listed), history: raw.bench, calibration: raw.calibration },
+        problems,
+        notes: Vec::new(),
+    })
 }
 
 /// Runs that state no start begin when the one before ends.
@@ -144,10 +148,11 @@ impl Resolver<'_> {
             Err(error) => return at.damaged(error),
         };
         let (from_s, to_s) = (at.finite("from_s", entry.from_s)?, at.finite("to_s", entry.to_s)?);
-        let part = files::window(series, from_s.unwrap_or(f64::NEG_INFINITY), to_s.unwrap_or(f64::INFINITY)).ok_or_else(|| {
+        let window = files::window(series, from_s.unwrap_or(f64::NEG_INFINITY), to_s.unwrap_or(f64::INFINITY)).ok_or_else(|| {
             let (first, last) = ends(series);
             at.complain("from_s", format!("expected two samples or more from `from_s` to `to_s`; the file holds {first} s to {last} s"))
         })?;
+        let part = files::part(series, window.clone());
         // In the time of the part, whose first sample is at zero.
         let begun_s = series.time_s.iter().copied().find(|t| *t >= from_s.unwrap_or(f64::NEG_INFINITY)).unwrap_or(0.0);
         let compared_from_s = at.finite("compare_from_s", entry.compare_from_s)?.map_or(0.0, |t| (t - begun_s).max(0.0));
@@ -156,7 +161,18 @@ impl Resolver<'_> {
         }
         let level_sigma_v = at.positive("level_sigma_v", entry.level_sigma_v)?.unwrap_or(0.0);
         let between = entry.current_between_samples.unwrap_or(Between::Linear);
-        Ok(Ok(RunData::Time(TimeRecord { series: part, between, compared_from_s, level_sigma_v, sigma_v: None })))
+        let stated =
+            |name, fits| files::column(&path, name, (series.len(), fits)).map(|column| column.map(|all| all[window.clone()].to_vec()));
+        let [from, to] = files::WINDOW_COLUMNS;
+        let stated = stated(files::SIGMA_COLUMN, |v| *v > 0.0 && v.is_finite())
+            .and_then(|sigma_v| Ok((sigma_v, stated(from, |t| t.is_finite())?.zip(stated(to, |t| t.is_finite())?))));
+        let (sigma_v, windows) = match stated {
+            Ok(stated) => stated,
+            Err(error) => return at.damaged(error),
+        };
+        let first_s = series.time_s[window.start];
+        let averaged_s = windows.map(|(from, to)| from.iter().zip(&to).map(|(from_s, to_s)| (from_s - first_s, to_s - first_s)).collect());
+        Ok(Ok(RunData::Time(TimeRecord { series: part, between, compared_from_s, level_sigma_v, sigma_v, averaged_s })))
     }
 }
 

@@ -2,12 +2,13 @@
 //!
 //! Controls are no runs of it where they went into the correction of the cell's sweep: as read they show a harness that the cell's spectrum no longer has.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use analysis::{
     augmented::Between,
+    calibration::CommonError,
     dataset::read_trace_csv,
-    diagnosis::{DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
+    diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
     series::TimeSeries,
 };
 use serde::Deserialize;
@@ -21,6 +22,8 @@ use super::{
 use crate::{config::ConfigError, executor::OUTPUT_ON};
 
 const INDEX: &str = "traces.json";
+/// Copies of the files that the run was made from.
+const CONFIG: &str = "config";
 const MANIFEST: &str = "manifest.json";
 const SPECTRUM: &str = "spectrum.csv";
 const READINGS: &str = "readings.csv";
@@ -41,6 +44,7 @@ pub(super) fn read(folder: &Path) -> Result<Loaded, ConfigError> {
         reader.the_sweep(&manifest.cell.name)?;
         return Ok(reader.loaded);
     }
+    reader.loaded.set.history = history(folder);
     let index: Index = json(&folder.join(INDEX), "expected the index of a run")?;
     let first_s =
         index.sweeps.iter().map(|s| s.start_time_s).chain(index.traces.iter().map(|t| t.start_time_s)).fold(f64::INFINITY, f64::min);
@@ -51,7 +55,7 @@ pub(super) fn read(folder: &Path) -> Result<Loaded, ConfigError> {
 }
 
 fn empty(name: String) -> Loaded {
-    Loaded { set: DataSet { name, runs: Vec::new(), history: None }, problems: Vec::new(), notes: Vec::new() }
+    Loaded { set: DataSet { name, runs: Vec::new(), history: None, calibration: None }, problems: Vec::new(), notes: Vec::new() }
 }
 
 #[derive(Debug, Deserialize)]
@@ -87,6 +91,10 @@ struct SweepEntry {
     temperature_c: Option<f64>,
     role: Role,
     repeat_group: String,
+    #[serde(default)]
+    own_sigma_ohm: Vec<[f64; 2]>,
+    #[serde(default)]
+    common_error: Option<CommonError>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -104,6 +112,9 @@ struct TraceEntry {
     current_between_samples: Between,
     sample_sigma_v: f64,
 }
+
+/// From when to when each row is a mean, s.
+type Windows = Vec<(f64, f64)>;
 
 struct Reader<'a> {
     folder: &'a Path,
@@ -130,7 +141,14 @@ impl Reader<'_> {
             (Fixture::Cell(_), None) => return Err(self.complain(INDEX, format!("sweep {name}: expected `start_ocv_v`, found none"))),
             _ => Start::Soc(CONTROL_SOC),
         };
-        let Some(data) = self.spectrum(&entry.file, &name)? else { return Ok(()) };
+        let Some(mut data) = self.spectrum(&entry.file, &name)? else { return Ok(()) };
+        if let RunData::Eis(sweep) = &mut data
+            && sweep.points.len() == entry.own_sigma_ohm.len()
+        {
+            // What the correction leaves is common to all sweeps, and stated once for all of them.
+            sweep.points.iter_mut().zip(&entry.own_sigma_ohm).for_each(|(point, [re, im])| point.sigma_ohm = Some((*re, *im)));
+            self.loaded.set.calibration = self.loaded.set.calibration.or(entry.common_error);
+        }
         let temperature_c = self.temperature(&name, entry.temperature_c);
         self.loaded.set.runs.push(Run {
             name,
@@ -149,11 +167,11 @@ impl Reader<'_> {
     fn trace(&mut self, cell: &str, entry: &TraceEntry, first_s: f64) -> Result<(), ConfigError> {
         let name = stem(&entry.file);
         let read = self.files.series(&self.folder.join(&entry.file), Some(entry.current_positive.sign()));
-        let part = read.map(|series| files::window(series, f64::NEG_INFINITY, f64::INFINITY));
+        let part = read.map(|series| files::window(series, f64::NEG_INFINITY, f64::INFINITY).map(|all| files::part(series, all)));
         let Some(Some(mut series)) = self.or_problem(&name, part)? else { return Ok(()) };
-        let mut sigma_v = self.noise(entry, series.len())?;
+        let (mut sigma_v, mut averaged_s) = self.rows(entry, series.len())?;
         if let Some(sigma_v) = &mut sigma_v {
-            self.rest_before(entry, (&mut series, sigma_v))?;
+            self.rest_before(entry, (&mut series, sigma_v, averaged_s.as_mut()))?;
         }
         let temperature_c = self.temperature(&name, entry.temperature_c);
         self.loaded.set.runs.push(Run {
@@ -171,20 +189,30 @@ impl Reader<'_> {
                 compared_from_s: 0.0,
                 level_sigma_v: 0.0,
                 sigma_v,
+                averaged_s,
             }),
         });
         Ok(())
     }
 
-    /// Noise of each row: that of one sample of the scope, less by as many as the row is the mean of.
-    fn noise(&self, entry: &TraceEntry, rows: usize) -> Result<Option<Vec<f64>>, ConfigError> {
+    /// Noise of each row, that of one sample of the scope, less by as many as the row is the mean of; and the window of that mean.
+    fn rows(&self, entry: &TraceEntry, rows: usize) -> Result<(Option<Vec<f64>>, Option<Windows>), ConfigError> {
         let read = read_trace_csv(&self.folder.join(&entry.file)).map_err(|error| self.complain(&entry.file, error.to_string()))?;
         let sigma_v: Vec<f64> = read.iter().map(|row| entry.sample_sigma_v / row.samples.max(1.0).sqrt()).collect();
-        Ok((sigma_v.len() == rows && sigma_v.iter().all(|s| *s > 0.0)).then_some(sigma_v))
+        let stated = sigma_v.len() == rows && sigma_v.iter().all(|s| *s > 0.0);
+        // In the series' own time, whose first sample is at zero.
+        let first_s = read.first().map_or(0.0, |row| row.time_s);
+        let windows: Windows = read.iter().map(|row| (row.averaged_s.0 - first_s, row.averaged_s.1 - first_s)).collect();
+        let told = windows.len() == rows && windows.iter().all(|(from_s, to_s)| from_s <= to_s);
+        Ok((stated.then_some(sigma_v), told.then_some(windows)))
     }
 
     /// Puts the end of the rest before the first row: once the supply is up, its offset flows. Nothing is seen of the voltage then.
-    fn rest_before(&self, entry: &TraceEntry, (series, sigma_v): (&mut TimeSeries, &mut Vec<f64>)) -> Result<(), ConfigError> {
+    fn rest_before(
+        &self,
+        entry: &TraceEntry,
+        (series, sigma_v, averaged_s): (&mut TimeSeries, &mut Vec<f64>, Option<&mut Windows>),
+    ) -> Result<(), ConfigError> {
         let first = read_trace_csv(&self.folder.join(&entry.file)).map_err(|error| self.complain(&entry.file, error.to_string()))?;
         let path = self.folder.join(EVENTS);
         let text = std::fs::read_to_string(&path).map_err(|error| unreadable(&path, &error.to_string()))?;
@@ -199,6 +227,10 @@ impl Reader<'_> {
             all.insert(0, all[0]);
         }
         sigma_v.insert(0, UNSEEN_V);
+        if let Some(windows) = averaged_s {
+            windows.iter_mut().for_each(|(from_s, to_s)| (*from_s, *to_s) = (*from_s + since_s, *to_s + since_s));
+            windows.insert(0, (0.0, 0.0));
+        }
         Ok(())
     }
 
@@ -268,6 +300,18 @@ impl Reader<'_> {
     fn complain(&self, file: &str, reason: impl Into<String>) -> ConfigError {
         unreadable(&self.folder.join(file), &reason.into())
     }
+}
+
+/// What the bench's file says of its past: the run keeps a copy of it among its configuration.
+fn history(folder: &Path) -> Option<BenchHistory> {
+    #[derive(Deserialize)]
+    struct Bench {
+        history: BenchHistory,
+    }
+    let files = std::fs::read_dir(folder.join(CONFIG)).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
+    let mut files: Vec<PathBuf> = files.filter(|path| path.extension().is_some_and(|extension| extension == "toml")).collect();
+    files.sort();
+    files.iter().find_map(|path| toml::from_str::<Bench>(&std::fs::read_to_string(path).ok()?).ok()).map(|bench| bench.history)
 }
 
 fn unreadable(path: &Path, reason: &str) -> ConfigError {

@@ -2,6 +2,7 @@ use std::path::Path;
 
 use analysis::{
     augmented::Between,
+    calibration::CommonError,
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord},
     series::TimeSeries,
 };
@@ -207,10 +208,22 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
             run(
                 "a pulse, 20 A",
                 Fixture::Cell("P45B 3".to_owned()),
-                RunData::Time(TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v: None }),
+                RunData::Time(TimeRecord {
+                    series,
+                    between: Between::Hold,
+                    compared_from_s: 0.0,
+                    level_sigma_v: 0.0,
+                    sigma_v: Some(vec![1e-6, 2e-6, 1e-3 / 3.0]),
+                    averaged_s: Some(vec![(0.0, 0.0), (0.05, 0.1 + 1e-3 / 3.0), (0.25, 0.4)]),
+                }),
             ),
         ],
         history: Some(history),
+        calibration: Some(CommonError {
+            skew_s: [5e-7, 0.0, 0.0],
+            inductance_h: [-1e-9 / 3.0, 2e-10, 0.0],
+            at_shunt_h: [1e-10, 0.0, 3e-11],
+        }),
     };
     let folder = tempfile::tempdir().unwrap();
     write_dataset(folder.path(), &set).unwrap();
@@ -245,7 +258,9 @@ fn a_run_folder_without_an_index_is_its_sweep() {
 fn a_run_folder_with_an_index_gives_its_sweeps_and_traces() {
     let index = r#"{"cell": "P45B", "capacity_c": 16200.0,
         "sweeps": [{"file": "spectrum.csv", "fixture": "cell", "fixture_ohm": null, "corrected": true, "amplitude_a": 1.0, "repeat": 1, "order": 0,
-                    "start_time_s": 100.0, "start_ocv_v": 3.72, "temperature_c": 25.0, "role": "train", "repeat_group": "eis"}],
+                    "start_time_s": 100.0, "start_ocv_v": 3.72, "temperature_c": 25.0, "role": "train", "repeat_group": "eis",
+                    "own_sigma_ohm": [[1e-6, 2e-6], [3e-6, 4e-6]], "common_error":
+                    {"skew_s": [5e-7, 0, 0], "inductance_h": [1e-9, 2e-9, 0], "at_shunt_h": [0, 0, 0]}}],
         "traces": [{"file": "series_pulse_1.bdf.csv", "name": "pulse", "repeat": 1, "order": 1, "start_time_s": 160.0, "start_ocv_v": 3.7,
                     "charge_before_c": 0.0, "temperature_c": 25.5, "role": "held_out", "repeat_group": "pulse", "current_positive": "charge",
                     "current_between_samples": "hold", "steps_s": [1.0], "sample_sigma_a": 0.01, "sample_sigma_v": 0.0005}]}"#;
@@ -254,11 +269,40 @@ fn a_run_folder_with_an_index_gives_its_sweeps_and_traces() {
     };
     let series_csv: String = SERIES.lines().enumerate().map(rows).collect();
     let folder = run_folder(&[("traces.json", index), ("series_pulse_1.bdf.csv", &series_csv), ("events.csv", "time_s,event\n")]);
+    std::fs::create_dir(folder.path().join("config")).unwrap();
+    std::fs::copy(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs").join("benches/investigate.toml"),
+        folder.path().join("config/benches_b.toml"),
+    )
+    .unwrap();
+    std::fs::copy(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs").join("cells/p45b.toml"),
+        folder.path().join("config/a_cell.toml"),
+    )
+    .unwrap();
     let loaded = read_dataset(folder.path()).unwrap();
     let [sweep, pulse] = loaded.set.runs.as_slice() else { panic!("{loaded:?}") };
     assert_eq!((sweep.name.as_str(), sweep.start, sweep.start_s), ("spectrum", Start::Ocv(3.72), 0.0));
+    assert_eq!(points(sweep).points[1].sigma_ohm, Some((3e-6, 4e-6)), "of its own records");
+    assert_eq!(loaded.set.calibration.map(|left| (left.skew_s[0], left.inductance_h[1])), Some((5e-7, 2e-9)));
+    assert_eq!(loaded.set.history.map(|history| history.eis_noise_rel), Some(7e-5), "of the bench's file");
+    assert_eq!(series(pulse).averaged_s, None, "an older run does not tell windows");
     assert_eq!((pulse.name.as_str(), pulse.role, pulse.start_s), ("series_pulse_1", Role::HeldOut, 60.0));
     assert_eq!((series(pulse).between, &series(pulse).series.current_a), (Between::Hold, &vec![0.0, 2.0, 2.0, 0.0]));
+    // Windows of half a second before and after each row, and a supply that was up 13 s before the first.
+    let rows = |(_, line): (usize, &str)| match line.split(',').next().and_then(|time_s| time_s.parse::<f64>().ok()) {
+        Some(time_s) => format!("{line},25.5,4,{},{}\n", time_s - 0.5, time_s + 0.5),
+        None => format!("{line},Surface Temperature T1 / degC,Averaged Samples / 1,Averaged From / s,Averaged To / s\n"),
+    };
+    let series_csv: String = SERIES.lines().enumerate().map(rows).collect();
+    let events = format!("time_s,event\n157.0,{}\n", crate::executor::OUTPUT_ON);
+    let folder = run_folder(&[("traces.json", index), ("series_pulse_1.bdf.csv", &series_csv), ("events.csv", &events)]);
+    let loaded = read_dataset(folder.path()).unwrap();
+    let means = series(&loaded.set.runs[1]);
+    let about = |k: usize| (means.series.time_s[k] - 0.5, means.series.time_s[k] + 0.5);
+    let windows = means.averaged_s.as_ref().unwrap();
+    assert_eq!((windows.len(), means.series.time_s[..2].to_vec(), windows[0]), (5, vec![0.0, 13.0], (0.0, 0.0)));
+    assert!((1..5).all(|k| windows[k] == about(k)), "{windows:?} about {:?}", means.series.time_s);
 }
 
 #[test]

@@ -4,11 +4,14 @@ use std::{fmt::Write, path::Path};
 
 use analysis::{
     dataset::{self, DatasetError},
-    diagnosis::{BenchHistory, DataSet, Fixture, Run, RunData, Start, Sweep, TimeRecord},
+    diagnosis::{DataSet, Fixture, Run, RunData, Start, Sweep, TimeRecord},
 };
 use serde_json::{Value, json};
 
-use super::DATASET_FILE;
+use super::{
+    DATASET_FILE,
+    files::{SIGMA_COLUMN, WINDOW_COLUMNS},
+};
 
 /// Why a data set could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -33,7 +36,9 @@ pub enum WriteError {
 /// `WriteError`.
 pub fn write_dataset(folder: &Path, set: &DataSet) -> Result<(), WriteError> {
     std::fs::create_dir_all(folder).map_err(|source| WriteError::Folder { path: folder.to_owned(), source })?;
-    let mut listed = format!("name = {}\n", json!(set.name)) + &set.history.as_ref().and_then(history).unwrap_or_default();
+    let mut listed = format!("name = {}\n", json!(set.name));
+    listed.extend(set.history.as_ref().and_then(|history| section("[bench]", &json!(history))));
+    listed.extend(set.calibration.as_ref().and_then(|calibration| section("[calibration]", &json!(calibration))));
     for (index, run) in set.runs.iter().enumerate() {
         let text = match &run.data {
             RunData::Time(record) => series_csv(record),
@@ -84,9 +89,8 @@ fn entry(run: &Run, file: &str) -> String {
     table("[[runs]]", fields.iter().chain(&of_kind).map(|(name, value)| (*name, value)))
 }
 
-fn history(bench: &BenchHistory) -> Option<String> {
-    let value = json!(bench);
-    Some(table("[bench]", value.as_object()?.iter().map(|(name, value)| (name.as_str(), value))))
+fn section(header: &str, fields: &Value) -> Option<String> {
+    Some(table(header, fields.as_object()?.iter().map(|(name, value)| (name.as_str(), value))))
 }
 
 fn table<'a>(header: &str, fields: impl Iterator<Item = (&'a str, &'a Value)>) -> String {
@@ -110,12 +114,24 @@ fn series_csv(record: &TimeRecord) -> String {
     if series.temperature_c.is_some() {
         text += ",Surface Temperature T1 / degC";
     }
+    if record.sigma_v.is_some() {
+        let _ = write!(text, ",{SIGMA_COLUMN}");
+    }
+    if record.averaged_s.is_some() {
+        let _ = write!(text, ",{},{}", WINDOW_COLUMNS[0], WINDOW_COLUMNS[1]);
+    }
     text.push('\n');
     for k in 0..series.len() {
         // Writing into a string cannot fail.
         let _ = write!(text, "{},{},{}", series.time_s[k], 0.0 - series.current_a[k], series.voltage_v[k]);
         if let Some(all) = &series.temperature_c {
             let _ = write!(text, ",{}", all[k]);
+        }
+        if let Some(all) = &record.sigma_v {
+            let _ = write!(text, ",{}", all[k]);
+        }
+        if let Some(all) = &record.averaged_s {
+            let _ = write!(text, ",{},{}", all[k].0, all[k].1);
         }
         text.push('\n');
     }

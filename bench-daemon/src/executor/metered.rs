@@ -211,7 +211,7 @@ impl Executor<'_> {
         // What the leads drop is not the cell's.
         let voltage_v = volts - work.trace.lead_ohm * current_a;
         let (time_s, temperature_c) = (0.5 * (began_s + now_s) - work.origin_s, self.last_c.unwrap_or(f64::NAN));
-        work.recorded.rows.push(TraceRow { time_s, current_a, voltage_v, temperature_c, samples: ONE });
+        work.recorded.rows.push(TraceRow { time_s, current_a, voltage_v, temperature_c, samples: ONE, averaged_s: (time_s, time_s) });
         Ok(())
     }
 

@@ -89,7 +89,9 @@ impl Frames<'_> {
         };
         let row = |mean: &Mean| {
             let changed_v = [0, 1, 2, 3].map(|slot: usize| mean.volts[slot] - self.zero_v[slot]);
-            self.row(mean.time_s + (start_s - origin_s), changed_v, mean.samples)
+            let later_s = start_s - origin_s;
+            let averaged_s = (mean.averaged_s.0 + later_s, mean.averaged_s.1 + later_s);
+            self.row((mean.time_s + later_s, averaged_s), changed_v, mean.samples)
         };
         let sigma_a = sigma_shunt_v / self.shunt_ohm;
         Recorded {
@@ -102,9 +104,9 @@ impl Frames<'_> {
         }
     }
 
-    /// A row, from how far the channels are from their zeros, V.
-    pub(super) fn row(&self, time_s: f64, changed_v: [f64; 4], samples: usize) -> TraceRow {
+    /// A row at a time, from how far the channels are from their zeros on average over a window, V.
+    pub(super) fn row(&self, (time_s, averaged_s): (f64, (f64, f64)), changed_v: [f64; 4], samples: usize) -> TraceRow {
         let (current_a, change_v) = self.correction.direct(changed_v);
-        TraceRow { time_s, current_a, voltage_v: self.ocv_v + change_v, temperature_c: f64::NAN, samples: samples as f64 }
+        TraceRow { time_s, current_a, voltage_v: self.ocv_v + change_v, temperature_c: f64::NAN, samples: samples as f64, averaged_s }
     }
 }

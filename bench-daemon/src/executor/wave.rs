@@ -151,8 +151,12 @@ impl Frames<'_> {
                 }
                 continue;
             };
-            let time_s = 0.5 * (from_s + to_s) - place.begin_s;
-            recorded.rows.push(self.row(time_s, [first.0, second.0, third.0, fourth.0], first.1));
+            let averaged_s = (from_s - place.begin_s, to_s - place.begin_s);
+            recorded.rows.push(self.row(
+                (0.5 * (averaged_s.0 + averaged_s.1), averaged_s),
+                [first.0, second.0, third.0, fourth.0],
+                first.1,
+            ));
             recorded.levels_a.push(values[chunk.from]);
         }
         let changes = values.windows(2).enumerate().filter(|(_, pair)| pair[0] != pair[1]);

@@ -125,7 +125,8 @@ fn moved_c(run: &PlannedRun) -> f64 {
 fn sweep(first: &Experiment, run: &PlannedRun, (freq_hz, amplitude_a): (&Vec<f64>, f64)) -> Result<Eis, String> {
     let mut eis = first.eis.clone().ok_or("the campaign sweeps nothing")?;
     eis.fixture = fixture(first, &run.fixture)?;
-    (eis.repeat, eis.rest_s, eis.amplitude_a) = (run.repeat, run.settle_s.min(600.0), amplitude_a);
+    (eis.repeat, eis.rest_s) = (run.repeat, run.settle_s.min(600.0));
+    (eis.amplitude_a, eis.steps_a) = (amplitude_a, vec![amplitude_a]);
     if freq_hz.first().is_some_and(|f| *f < SLOW_HZ) {
         (eis.periods, eis.periods_on_screen) = SLOW_PERIODS;
     }
@@ -166,5 +167,39 @@ fn fixture(first: &Experiment, planned: &Fixture) -> Result<plant::Fixture, Stri
                 .ok_or_else(|| format!("it wants a shunt of {:.1} mΩ, the bench's has {:.2} mΩ", 1e3 * ohm, 1e3 * have_ohm))
         }
         Fixture::FakeCell(_) => Err("a sweep of the fake cell is none of the cell's data".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::{config::load_experiment, plan::Step};
+
+    /// Every point of a planned sweep is driven with the planned amplitude, not with that of the campaign.
+    #[test]
+    fn a_planned_sweep_is_driven_as_planned() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/experiments/investigate.toml");
+        let first = load_experiment(&file, None).unwrap();
+        let run = PlannedRun {
+            name: "larger".to_owned(),
+            fixture: Fixture::Cell("cell".to_owned()),
+            soc: 0.5,
+            temperature_c: 25.0,
+            repeat: 2,
+            repeat_group: "larger".to_owned(),
+            order: 20,
+            settle_s: 600.0,
+            start_s: 1e5,
+            what: Planned::Eis { freq_hz: vec![1.0, 10.0], amplitude_a: 4.5 },
+        };
+        let Planned::Eis { freq_hz, amplitude_a } = &run.what else { unreachable!() };
+        let eis = sweep(&first, &run, (freq_hz, *amplitude_a)).unwrap();
+        let experiment = Experiment { fixture_check: None, soc_reset: None, traces: Vec::new(), eis: Some(eis), ..first };
+        let steps = procedure::plan(&experiment).stages.into_iter().flat_map(|stage| stage.steps);
+        let driven: Vec<f64> =
+            steps.filter_map(|step| if let Step::Sine { amplitude_a, .. } = step { Some(amplitude_a) } else { None }).collect();
+        assert_eq!(driven, [4.5; 4]);
     }
 }

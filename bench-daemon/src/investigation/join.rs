@@ -9,16 +9,9 @@ use analysis::{
 
 use crate::{
     command::Failure,
-    config::{ConfigError, Experiment},
+    config::ConfigError,
     dataset::{Loaded, read_dataset},
 };
-
-/// The first campaign, with the bench's history.
-pub(super) fn campaign(folder: &Path, experiment: &Experiment) -> Result<Loaded, Failure> {
-    let mut loaded = read_dataset(folder)?;
-    loaded.set.history = experiment.bench.history;
-    Ok(loaded)
-}
 
 /// Adds the runs of an experiment to those before it: they come later, and repeat what the plan says that they repeat.
 pub(super) fn add(loaded: &mut Loaded, (first, folder): (&Path, &Path), planned: &[PlannedRun]) -> Result<(), Failure> {

@@ -28,7 +28,7 @@ use crate::{
         run::{Measured, Session},
     },
     config::Experiment,
-    dataset::{Loaded, write_dataset},
+    dataset::{Loaded, read_dataset, write_dataset},
 };
 
 /// Name of the schema of `investigation.json`.
@@ -139,14 +139,8 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
     let first = means.out.join("campaign");
     let measured = session.run(experiment, &first)?.measured;
     let model = base_model(experiment, &measured, means)?;
-    let mut desk = Desk {
-        experiment,
-        means,
-        session,
-        model,
-        loaded: join::campaign(&first, experiment)?,
-        spent: Budget { minutes: 0.0, charge_ah: 0.0 },
-    };
+    let mut desk =
+        Desk { experiment, means, session, model, loaded: read_dataset(&first)?, spent: Budget { minutes: 0.0, charge_ah: 0.0 } };
     let (mut outcome, mut asked) = desk.diagnose(&[])?;
     let mut steps = vec![step(&first, None, &outcome.diagnosis)];
     let (end, end_text) = loop {

@@ -14,7 +14,12 @@ use num_complex::Complex64;
 
 /// Runs of a case without seed, label or anything that tells.
 pub fn data_set(case: &hidden::Case) -> DataSet {
-    DataSet { name: "hidden".to_owned(), runs: case.runs.iter().map(run).collect(), history: Some(history(&case.history)) }
+    DataSet {
+        name: "hidden".to_owned(),
+        runs: case.runs.iter().map(run).collect(),
+        history: Some(history(&case.history)),
+        calibration: None,
+    }
 }
 
 /// What the bench's history says.
@@ -66,7 +71,14 @@ pub fn run(run: &hidden::Run) -> Run {
                 voltage_v: voltage_v.clone(),
                 temperature_c: temperature_c.clone(),
             };
-            RunData::Time(TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v: None })
+            RunData::Time(TimeRecord {
+                series,
+                between: Between::Hold,
+                compared_from_s: 0.0,
+                level_sigma_v: 0.0,
+                sigma_v: None,
+                averaged_s: None,
+            })
         }
     };
     Run {

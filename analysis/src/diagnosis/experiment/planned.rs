@@ -120,7 +120,7 @@ impl PlannedRun {
                 let voltage_v = vec![0.0; time_s.len()];
                 let series = TimeSeries { name: self.name.clone(), time_s, current_a, voltage_v, temperature_c: None };
                 let sigma_v = sigma_v.map(|sigma_v| vec![sigma_v; series.len()]);
-                RunData::Time(TimeRecord { series, between, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v })
+                RunData::Time(TimeRecord { series, between, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v, averaged_s: None })
             }
             Planned::Eis { freq_hz, amplitude_a } => {
                 let point = |f: &f64| SweepPoint { freq_hz: *f, z_ohm: Complex64::ZERO, sigma_ohm: None, amplitude_a: Some(*amplitude_a) };

@@ -17,6 +17,8 @@ const FAR_DRIFT: f64 = 400.0;
 /// part of the way lies aside of it. A cell that ages steadily does that by any amount.
 const STEADY: f64 = 0.15;
 const ASIDE: f64 = 0.3;
+/// Two repeats may differ by so many times as much per time as a group that goes steadily one way.
+const WITH_THE_CELL: f64 = 5.0;
 /// A step of time is odd where it differs by this share and this many seconds, and a jump of the clock where no more than so many do.
 const ODD_STEP: f64 = 0.1;
 const ODD_STEP_S: f64 = 5e-3;
@@ -95,20 +97,52 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
     let mut groups: Vec<&str> = at.runs.iter().map(|subject| subject.run.repeat_group.as_str()).collect();
     groups.sort_unstable();
     groups.dedup();
+    let groups: Vec<Repeats<'_>> = groups
+        .iter()
+        .map(|group| {
+            let members: Vec<&Subject<'_>> = at.runs.iter().filter(|subject| subject.run.repeat_group == *group).collect();
+            Repeats::new(&members, &history)
+        })
+        .collect();
+    let cell_per_s = groups.iter().filter(|group| steady(&group.off)).map(Repeats::per_s).fold(0.0, f64::max);
     for group in groups {
-        let members: Vec<&Subject<'_>> = at.runs.iter().filter(|subject| subject.run.repeat_group == group).collect();
-        let off: Vec<(&Subject<'_>, Vec<Apart>)> = members.iter().map(|subject| (*subject, apart(subject, &members, &history))).collect();
-        let size: Vec<f64> = off.iter().map(|(_, apart)| trimmed_root(apart.iter().map(|(re, im)| re * re + im * im).collect())).collect();
-        let z = size.iter().copied().fold(0.0, f64::max);
+        let z = group.z();
         let far: Vec<String> =
-            off.iter().zip(&size).filter(|(_, z)| **z > FAR_OFF).map(|((subject, _), _)| subject.run.name.clone()).collect();
-        let drifted = steady(&off) || (z < FAR_DRIFT && drifts(off));
+            group.off.iter().zip(&group.size).filter(|(_, z)| **z > FAR_OFF).map(|(off, _)| off.0.run.name.clone()).collect();
+        // Two runs alone do not show which way they go, but what else the cell did meanwhile does.
+        let with_the_cell = group.off.len() == 2 && group.per_s() < WITH_THE_CELL * cell_per_s;
+        let drifted = steady(&group.off) || with_the_cell || (z < FAR_DRIFT && drifts(group.off));
         if !far.is_empty() && !drifted {
             let text = format!("it differs from its repeats by {z:.0} standard deviations of the bench's history");
             found.invalid.push(Reason { check: Check::Repeats, runs: far, text });
         }
     }
     found
+}
+
+/// A group of repeats: how far each is from the others, and the size of that in standard deviations.
+struct Repeats<'a> {
+    off: Vec<(&'a Subject<'a>, Vec<Apart>)>,
+    size: Vec<f64>,
+}
+
+impl<'a> Repeats<'a> {
+    fn new(members: &[&'a Subject<'a>], history: &BenchHistory) -> Self {
+        let off: Vec<(&Subject<'_>, Vec<Apart>)> = members.iter().map(|subject| (*subject, apart(subject, members, history))).collect();
+        let size = off.iter().map(|(_, apart)| trimmed_root(apart.iter().map(|(re, im)| re * re + im * im).collect())).collect();
+        Self { off, size }
+    }
+
+    fn z(&self) -> f64 {
+        self.size.iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Standard deviations between the farthest of the group per time between the first and the last, 1/s. Two lie on both sides of their mean.
+    fn per_s(&self) -> f64 {
+        let starts = self.off.iter().map(|(subject, _)| subject.run.start_s);
+        let (begin_s, end_s) = starts.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+        2.0 * self.z() / (end_s - begin_s)
+    }
 }
 
 /// A difference in standard deviations: real and imaginary part, or a voltage and nothing.

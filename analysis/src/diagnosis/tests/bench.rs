@@ -180,6 +180,7 @@ pub(super) fn campaign(seed: u64, train: &Hidden, held_out: &Hidden) -> DataSet 
             compared_from_s: 0.0,
             level_sigma_v: 0.0,
             sigma_v: None,
+            averaged_s: None,
         })
     };
     for nth in 0..3 {
@@ -191,5 +192,5 @@ pub(super) fn campaign(seed: u64, train: &Hidden, held_out: &Hidden) -> DataSet 
     for _ in 0..2 {
         add("block", Role::HeldOut, time(BLOCK, held_out, &mut chance));
     }
-    DataSet { name: "test".to_owned(), runs, history: Some(HISTORY) }
+    DataSet { name: "test".to_owned(), runs, history: Some(HISTORY), calibration: None }
 }

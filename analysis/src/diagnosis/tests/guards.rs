@@ -81,9 +81,13 @@ fn a_parameter_at_its_bound_is_no_name() {
     let set = campaign(71, &hidden, &hidden);
     assert!(!names(&with(&set, Guards::default())).contains(&"ocv_slope"));
     let kept = Guards { held_out: false, outside: false, ..Guards::default() };
-    let off = with(&set, Guards { bound: false, ..kept });
-    assert!(names(&off).contains(&"ocv_slope"), "{:?}", names(&off));
-    assert!(!names(&with(&set, kept)).contains(&"ocv_slope"));
+    let slope = |guards: Guards| {
+        let candidates = vec![crate::effects::find("ocv_slope").unwrap()];
+        diagnose(&set, &model(), &DiagnosisOptions { candidates, guards, ..DiagnosisOptions::default() }).unwrap().diagnosis
+    };
+    let off = slope(Guards { bound: false, ..kept });
+    assert!(names(&off).contains(&"ocv_slope"), "{:?}", off.ranking);
+    assert!(!names(&slope(kept)).contains(&"ocv_slope"));
 }
 
 #[test]
@@ -208,11 +212,40 @@ fn a_fit_that_did_not_converge_is_no_evidence() {
         if !converged {
             attempt.fit.promise = attempt.lambda;
         }
-        search.accept(&base, &attempt, 0)
+        search.accept((&base, &base), &attempt, 0)
     };
     let off = Guards { convergence: false, ..Guards::default() };
     assert!(verdict(Guards::default(), true).is_ok() && verdict(off, false).is_ok());
     assert_eq!(verdict(Guards::default(), false).unwrap_err(), "its fit did not converge");
+}
+
+#[test]
+fn a_wave_that_is_small_in_every_record_is_seen_in_all_of_them() {
+    const PERIOD_S: f64 = 7.3;
+    let swinging = |amplitude_v: f64| {
+        let mut set = campaign(91, &Hidden::default(), &Hidden::default());
+        for run in &mut set.runs {
+            if let RunData::Time(record) = &mut run.data {
+                // Another phase in every record: none knows when the wave began.
+                let phase = f64::from(run.order * run.order);
+                let wave = record.series.time_s.iter().map(|t| amplitude_v * (std::f64::consts::TAU * t / PERIOD_S + phase).sin());
+                record.series.voltage_v.iter_mut().zip(wave).for_each(|(v, wave)| *v += wave);
+            }
+        }
+        set
+    };
+    let off = Guards { consistency: false, ..Guards::default() };
+    let [still, small] = [0.0, 3e-4].map(swinging);
+    let ends = [with(&still, Guards::default()), with(&small, off), with(&small, Guards::default())];
+    assert_eq!(
+        ends.each_ref().map(|d| d.verdict),
+        [Verdict::AtNoiseFloor, Verdict::AtNoiseFloor, Verdict::Unexplained],
+        "{:?}",
+        ends[2].notes
+    );
+    let note = ends[2].notes.iter().find(|note| note.contains("a wave of")).expect("the wave is told");
+    let period_s: f64 = note.split("a wave of ").nth(1).and_then(|rest| rest.split(' ').next()?.parse().ok()).unwrap();
+    assert!((period_s / PERIOD_S - 1.0).abs() < 0.02, "{note}");
 }
 
 /// Keeps the samples at edges and every eighth in between.

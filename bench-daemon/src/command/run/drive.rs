@@ -170,7 +170,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         let recorder = &mut *self.executor.recorder;
         let flagged = sweeping::flags(&settled.points, &mut |freq_hz, text| recorder.point_warning(&sweeping.name, freq_hz, text));
         if of.1 > 0 {
-            let entry = SweepEntry { flagged, ..sweeping.entry(&self.executor, (stage.1, start_time_s)) };
+            let entry = SweepEntry { flagged, ..sweeping.entry(&self.executor, (stage.1, start_time_s), &settled) };
             self.executor.recorder.sweep(entry)?;
         }
         self.finish(of, settled, false)

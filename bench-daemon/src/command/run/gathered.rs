@@ -48,7 +48,7 @@ impl<'a> Gathered<'a> {
     }
 
     pub(super) fn sweeping(&self, of: (Fixture, usize)) -> Sweeping<'a> {
-        Sweeping::new(self.experiment, of, self.measured.correction.clone())
+        Sweeping::new(self.experiment, of, &self.measured)
     }
 
     /// What follows from a whole sweep. `restored`: it was told before.

@@ -63,7 +63,14 @@ pub(super) async fn measure(
     let lines = std::mem::take(&mut executor.lines);
     let found: Vec<Found> = points.iter().zip(lines).map(|(point, line)| (point.phasors, point.volts_per_div, line)).collect();
     let run = write(executor.recorder, (experiment, stage, repeat), &found, (&measured.correction, flagged, took_s))?;
-    let entry = SweepEntry { flagged: run.flagged.clone(), ..entry(executor, (stage, repeat), (start_s, measured)) };
+    let corrected = measured.correction.reduced_chi2.is_some();
+    let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
+    let entry = SweepEntry {
+        flagged: run.flagged.clone(),
+        own_sigma_ohm: if corrected { sweeping::own_sigma_ohm(&run.own_noise) } else { Vec::new() },
+        common_error: if corrected { measured.correction.common_error(&phasors, &sweeping::shunt_phasors(measured)) } else { None },
+        ..entry(executor, (stage, repeat), (start_s, measured))
+    };
     executor.recorder.sweep(entry)?;
     Ok(run)
 }
@@ -119,6 +126,8 @@ fn entry(executor: &Executor<'_>, (stage, repeat): (&Stage, usize), (start_time_
         role: Role::Train,
         repeat_group: "multisine".to_owned(),
         flagged: Vec::new(),
+        own_sigma_ohm: Vec::new(),
+        common_error: None,
     }
 }
 

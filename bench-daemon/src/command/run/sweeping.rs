@@ -3,10 +3,11 @@
 use analysis::{
     calibration::Correction,
     dataset::{FlaggedPoint, Role, SweepEntry},
-    spectrum::{ImpedancePoint, Spectrum, at_one_time},
+    spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, at_one_time},
 };
 use instruments::mock::plant::Fixture;
 
+use super::Measured;
 use crate::{
     config::{CampaignRun, Experiment},
     executor::{Executor, SweepPoint},
@@ -22,6 +23,8 @@ pub(super) struct Sweeping<'a> {
     fixture: Fixture,
     repeat: usize,
     correction: Correction,
+    /// What the channels showed of the shunt.
+    shunt: Vec<ChannelPhasors>,
     /// The run of the campaign that it is of.
     run: Option<CampaignRun>,
     /// In names of files.
@@ -42,7 +45,9 @@ pub(super) struct Settled {
 }
 
 impl<'a> Sweeping<'a> {
-    pub(super) fn new(experiment: &'a Experiment, (fixture, repeat): (Fixture, usize), correction: Correction) -> Self {
+    pub(super) fn new(experiment: &'a Experiment, (fixture, repeat): (Fixture, usize), measured: &Measured) -> Self {
+        let correction = measured.correction.clone();
+        let shunt = shunt_phasors(measured);
         let cell = fixture == Fixture::Cell;
         let run = experiment.campaign.as_ref().filter(|_| cell).and_then(|campaign| campaign.run(repeat));
         let name = sweep_name(fixture, repeat);
@@ -54,7 +59,7 @@ impl<'a> Sweeping<'a> {
             (false, _, None) => format!("spectrum_{name}.csv"),
         };
         let (raw, file) = (format!("raw_{name}.csv"), corrected.then_some(file));
-        Self { experiment, fixture, repeat, correction, run, name, raw, file }
+        Self { experiment, fixture, repeat, correction, shunt, run, name, raw, file }
     }
 
     /// The file that the index names.
@@ -131,19 +136,21 @@ impl<'a> Sweeping<'a> {
     }
 
     /// The sweep in words of the index.
-    pub(super) fn entry(&self, executor: &Executor<'_>, (stage, start_time_s): (&Stage, f64)) -> SweepEntry {
+    pub(super) fn entry(&self, executor: &Executor<'_>, (stage, start_time_s): (&Stage, f64), settled: &Settled) -> SweepEntry {
         let (experiment, cell) = (self.experiment, self.fixture == Fixture::Cell);
         let group = if cell { "eis" } else { "eis_shunt" };
         let driven = stage.steps.iter().find_map(|step| if let Step::Sine { amplitude_a, .. } = step { Some(*amplitude_a) } else { None });
         let amplitude_a = driven.unwrap_or(f64::NAN);
         let several = experiment.eis.as_ref().is_some_and(|eis| eis.steps_a.len() > 1);
         let group = if several { format!("{group}_{amplitude_a}A") } else { group.to_owned() };
+        let corrected = self.correction.reduced_chi2.is_some();
+        let phasors: Vec<ChannelPhasors> = settled.points.iter().map(|point| point.phasors).collect();
         SweepEntry {
             file: self.indexed().to_owned(),
             fixture: fixture_name(self.fixture).to_owned(),
             cell: self.run.as_ref().map(|run| run.cell.name.clone()),
             fixture_ohm: (!cell).then_some(fixture_check::known(&experiment.bench, self.fixture).r_ohm),
-            corrected: self.correction.reduced_chi2.is_some(),
+            corrected,
             amplitude_a,
             repeat: self.run.as_ref().map_or(self.repeat, |run| run.repeat),
             order: executor.recorder.measured(),
@@ -153,8 +160,20 @@ impl<'a> Sweeping<'a> {
             role: Role::Train,
             repeat_group: self.run.as_ref().map_or(group, |run| format!("eis_{}", run.cell.name)),
             flagged: Vec::new(),
+            own_sigma_ohm: if corrected { own_sigma_ohm(&settled.own_noise) } else { Vec::new() },
+            common_error: if cell && corrected { self.correction.common_error(&phasors, &self.shunt) } else { None },
         }
     }
+}
+
+/// What the channels showed of the shunt in the check of the fixture.
+pub(super) fn shunt_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
+    measured.sweeps.get(fixture_name(Fixture::Shunt)).into_iter().flatten().map(|point| point.phasors).collect()
+}
+
+/// Standard deviations of both parts of each point.
+pub(super) fn own_sigma_ohm(own_noise: &Spectrum) -> Vec<[f64; 2]> {
+    own_noise.points.iter().map(|point| [point.covariance.re_re.sqrt(), point.covariance.im_im.sqrt()]).collect()
 }
 
 /// What the quality gate refused to the end: told, and in words of the index.

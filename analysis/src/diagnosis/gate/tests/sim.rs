@@ -164,7 +164,7 @@ fn record(segments: Segments, hidden: &Hidden, order: f64, chance: &mut Chance) 
         shown_a.push(((mean + 0.03 * chance.normal()) / 0.1).round() * 0.1);
     }
     let series = TimeSeries { name: "s".to_owned(), time_s, current_a: shown_a, voltage_v, temperature_c: None };
-    TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v: None }
+    TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v: None, averaged_s: None }
 }
 
 fn sweep(control_ohm: Option<f64>, hidden: &Hidden, order: f64, chance: &mut Chance) -> Sweep {
@@ -212,7 +212,7 @@ pub(in crate::diagnosis) fn campaign(hidden: &Hidden, seed: u64) -> DataSet {
             });
         }
     }
-    DataSet { name: "d".to_owned(), runs, history: Some(history()) }
+    DataSet { name: "d".to_owned(), runs, history: Some(history()), calibration: None }
 }
 
 /// The record of a run, to be damaged.

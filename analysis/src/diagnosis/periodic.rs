@@ -1,0 +1,77 @@
+//! Whether what is left swings: hum that the sampling has folded to a slow wave, or a thermostat that goes on and off. Such a wave is the same in all records but for
+//! its phase, and small in each of them: no block of residuals and no χ² of a thousand rows shows it.
+//!
+//! Per record and frequency a sine and a cosine, averaged over the rows as samples are and whitened, take up χ² of two degrees of freedom where nothing swings
+//! (the periodogram of unevenly sampled data, Lomb 1976, Scargle 1982); the sum over all records is asked, at as many frequencies as the longest record can tell
+//! apart, and its probability multiplied by their number.
+
+use super::block::{Kind, TimeBlock};
+use super::data::Role;
+use super::problem::{Fit, Problem};
+use super::whitening::dot;
+use crate::validity::tail::chi2_tail;
+use std::f64::consts::TAU;
+
+/// Periods that are looked for, s: shorter ones a row averages out, longer ones a branch of the model can be.
+const PERIODS_S: (f64, f64) = (2.0, 60.0);
+/// Frequencies per width of a peak.
+const PER_PEAK: f64 = 1.5;
+/// Keeps a quotient finite.
+const TINY: f64 = 1e-12;
+
+/// The wave that takes up most.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Wave {
+    pub(super) period_s: f64,
+    /// χ² that it takes up, and as how many quantities.
+    pub(super) chi2: f64,
+    pub(super) dof: usize,
+    /// How many periods were tried.
+    pub(super) tried: f64,
+}
+
+impl Wave {
+    /// Probability that as much χ² is taken up where nothing swings, at any of the periods.
+    pub(super) fn p_value(&self, chi2: f64) -> f64 {
+        (chi2_tail(chi2, self.dof as f64) * self.tried).min(1.0)
+    }
+}
+
+/// The wave that takes up most of what a fit leaves of the training records; none without records that are long enough.
+pub(super) fn wave(problem: &Problem, fit: &Fit) -> Option<Wave> {
+    let mut from = 0;
+    let mut records: Vec<(usize, &TimeBlock, &[f64])> = Vec::new();
+    for k in problem.of_role(Role::Train) {
+        let block = &problem.blocks[k];
+        if let Kind::Time(time) = &block.kind {
+            records.push((k, time, &fit.residuals[from..from + block.rows()]));
+        }
+        from += block.rows();
+    }
+    let longest_s = records.iter().filter_map(|(_, time, _)| time.time_s.last().copied()).fold(0.0, f64::max);
+    let (slowest_hz, fastest_hz) = (PERIODS_S.1.recip().max(2.0 / longest_s), PERIODS_S.0.recip());
+    let count = (PER_PEAK * longest_s * (fastest_hz - slowest_hz)).floor();
+    if !(count >= 1.0 && count.is_finite()) {
+        return None;
+    }
+    let step_hz = (fastest_hz - slowest_hz) / count;
+    let taken = |freq_hz: f64| records.iter().map(|record| taken_up(problem, record, freq_hz)).sum::<f64>();
+    let all = (0..=count as usize).map(|n| slowest_hz + step_hz * n as f64).map(|freq_hz| (freq_hz, taken(freq_hz)));
+    let (freq_hz, chi2) = all.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some(Wave { period_s: freq_hz.recip(), chi2, dof: 2 * records.len(), tried: count + 1.0 })
+}
+
+/// χ² of a record that a wave of this frequency takes up.
+fn taken_up(problem: &Problem, (block, time, residuals): &(usize, &TimeBlock, &[f64]), freq_hz: f64) -> f64 {
+    let (sines, cosines): (Vec<f64>, Vec<f64>) = time.time_s.iter().map(|t| (TAU * freq_hz * t).sin_cos()).unzip();
+    let column = |samples: &[f64]| {
+        let mut white = Vec::with_capacity(residuals.len());
+        problem.whiteners[*block].apply(&time.average(samples), &mut white);
+        white
+    };
+    let (sine, mut cosine) = (column(&sines), column(&cosines));
+    let part = dot(&sine, &cosine) / dot(&sine, &sine).max(TINY);
+    cosine.iter_mut().zip(&sine).for_each(|(c, s)| *c -= part * s);
+    let of = |column: &[f64]| dot(column, residuals).powi(2) / dot(column, column).max(TINY);
+    of(&sine) + of(&cosine)
+}
