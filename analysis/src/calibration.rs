@@ -164,31 +164,52 @@ pub struct Correction {
     pub span_hz: Option<(f64, f64)>,
 }
 
-/// What a correction leaves in all impedances corrected by it alike: each of three independent errors, here one standard deviation of each, makes Z of a cell wrong
-/// by jω·(τ·Z + L), and Z of the shunt by jω·L′. Repeats do not show them, and no mean makes them smaller.
+/// Independent errors that a correction leaves.
+pub const COMMON: usize = 5;
+
+/// What a correction leaves in all impedances corrected by it alike: each of some independent errors, here one standard deviation of each, makes Z of a cell wrong
+/// by jω·(τ·Z + L) + ω²·q, and Z of the shunt by jω·L′ + ω²·q′. Repeats do not show them, and no mean makes them smaller. The squares matter beyond the frequencies of the
+/// controls.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommonError {
     /// τ, s.
-    pub skew_s: [f64; 3],
+    pub skew_s: [f64; COMMON],
     /// L, H.
-    pub inductance_h: [f64; 3],
+    pub inductance_h: [f64; COMMON],
+    /// q, Ω·s².
+    pub square_ohm_s2: [f64; COMMON],
     /// L′, H: with the voltage probes on the shunt.
-    pub at_shunt_h: [f64; 3],
+    pub at_shunt_h: [f64; COMMON],
+    /// q′, Ω·s².
+    pub at_shunt_ohm_s2: [f64; COMMON],
 }
 
-/// Units in which skews and inductances are found, s and H.
+impl CommonError {
+    /// What one standard deviation of an error, by its number, adds to an impedance at a frequency (Hz): to that of the cell, or to that of the shunt.
+    pub fn at(&self, error: usize, freq_hz: f64, z_ohm: Complex64, is_cell: bool) -> Complex64 {
+        let omega = std::f64::consts::TAU * freq_hz;
+        if is_cell {
+            Complex64::new(0.0, omega) * (self.skew_s[error] * z_ohm + self.inductance_h[error]) + omega * omega * self.square_ohm_s2[error]
+        } else {
+            Complex64::new(omega * omega * self.at_shunt_ohm_s2[error], omega * self.at_shunt_h[error])
+        }
+    }
+}
+
+/// Units in which skews, inductances and squares are found, s, H and Ω·s².
 const SKEW_UNIT_S: f64 = 1e-6;
 const INDUCTANCE_UNIT_H: f64 = 1e-9;
+const SQUARE_UNIT: f64 = 1e-12;
 
-/// How an inductance (H) and, with three columns, a skew (s) follow each parameter: least squares of relative errors with a gain, an inductance and a skew.
-fn follow(points: impl Iterator<Item = (f64, Slope)>, count: usize) -> Option<[[f64; COUNT]; 2]> {
+/// How an inductance (H), a square (Ω·s²) and, with four columns, a skew (s) follow each parameter: least squares of relative errors, with a gain beside them.
+fn follow(points: impl Iterator<Item = (f64, Slope)>, count: usize) -> Option<[[f64; COUNT]; 3]> {
     let mut normal = vec![0.0; count * count];
     let mut sides = vec![[0.0; COUNT]; count];
     let along = |a: Complex64, b: Complex64| a.re * b.re + a.im * b.im;
     for (freq_hz, impedance) in points {
         let (z, j_omega) = (impedance.value, Complex64::new(0.0, std::f64::consts::TAU * freq_hz));
-        let columns = [Complex64::ONE, INDUCTANCE_UNIT_H * j_omega / z, SKEW_UNIT_S * j_omega];
+        let columns = [Complex64::ONE, INDUCTANCE_UNIT_H * j_omega / z, -SQUARE_UNIT * j_omega * j_omega / z, SKEW_UNIT_S * j_omega];
         let slopes = impedance.by_parameters();
         for (row, a) in columns[..count].iter().enumerate() {
             columns[..count].iter().enumerate().for_each(|(column, b)| normal[row * count + column] += along(*a, *b));
@@ -196,33 +217,42 @@ fn follow(points: impl Iterator<Item = (f64, Slope)>, count: usize) -> Option<[[
         }
     }
     let solvable = cholesky(&mut normal, count);
-    let mut found = [[0.0; COUNT]; 2];
+    let mut found = [[0.0; COUNT]; 3];
     for k in 0..COUNT {
         let mut x: Vec<f64> = sides.iter().map(|side| side[k]).collect();
         cholesky_substitute(&normal, count, &mut x);
-        (found[0][k], found[1][k]) = (INDUCTANCE_UNIT_H * x[1], SKEW_UNIT_S * x.get(2).copied().unwrap_or(0.0));
+        let units = [INDUCTANCE_UNIT_H, SQUARE_UNIT, SKEW_UNIT_S];
+        found.iter_mut().zip(x[1..].iter().zip(units)).for_each(|(found, (x, unit))| found[k] = unit * x);
     }
     solvable.then_some(found)
 }
 
 /// Independent errors, the columns, that have this covariance: the lower triangle L of L·Lᵀ, with nothing where nothing is left.
-fn independent(covariance: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
-    let mut l = [[0.0; 3]; 3];
-    for i in 0..3 {
+fn independent(covariance: &[[f64; COMMON]; COMMON]) -> [[f64; COMMON]; COMMON] {
+    let mut l = [[0.0; COMMON]; COMMON];
+    for i in 0..COMMON {
         for j in 0..=i {
             let known: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
             let left = covariance[i][j] - known;
-            l[i][j] = if i == j {
-                left.max(0.0).sqrt()
-            } else if l[j][j] > 0.0 {
-                left / l[j][j]
-            } else {
-                0.0
+            // What is left of a row that follows from the ones before it is rounding.
+            l[i][j] = match (i == j, l[j][j] > 0.0) {
+                (true, _) => {
+                    if left > ROUNDING * covariance[i][i] {
+                        left.sqrt()
+                    } else {
+                        0.0
+                    }
+                }
+                (false, true) => left / l[j][j],
+                (false, false) => 0.0,
             };
         }
     }
     l
 }
+
+/// Part of a variance that is rounding.
+const ROUNDING: f64 = 1e-12;
 
 /// A parameter of the harness.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -373,23 +403,24 @@ impl Correction {
         if jig.len() < 2 {
             return None;
         }
-        let of = |points: &[ChannelPhasors], at_shunt: bool| -> Option<[[f64; COUNT]; 2]> {
+        let of = |points: &[ChannelPhasors], at_shunt: bool| -> Option<[[f64; COUNT]; 3]> {
             let impedance = |phasors: &ChannelPhasors| {
                 let harness = Harness::new(&self.values, phasors);
                 if at_shunt { harness.impedance_at_shunt() } else { harness.impedance() }
             };
             // On a resistance a skew and an inductance are one.
-            let count = if at_shunt { 2 } else { 3 };
+            let count = if at_shunt { 3 } else { 4 };
             follow(points.iter().map(|phasors| (phasors.freq_hz, impedance(phasors))), count)
         };
-        let [inductance, skew] = of(jig, false)?;
-        let at_shunt = if shunt.len() < 2 { [0.0; COUNT] } else { of(shunt, true)?[0] };
-        let rows = [skew, inductance, at_shunt];
+        let [inductance, square, skew] = of(jig, false)?;
+        let [at_shunt, square_at_shunt, _] = if shunt.len() < 2 { [[0.0; COUNT]; 3] } else { of(shunt, true)? };
+        let rows = [skew, inductance, square, at_shunt, square_at_shunt];
         let between = |a: &[f64; COUNT], b: &[f64; COUNT]| -> f64 {
             self.covariance.iter().zip(a).map(|(row, a)| a * row.iter().zip(b).map(|(c, b)| c * b).sum::<f64>()).sum()
         };
         let parts = independent(&std::array::from_fn(|i| std::array::from_fn(|j| between(&rows[i], &rows[j]))));
-        let error = CommonError { skew_s: parts[0], inductance_h: parts[1], at_shunt_h: parts[2] };
+        let [skew_s, inductance_h, square_ohm_s2, at_shunt_h, at_shunt_ohm_s2] = parts;
+        let error = CommonError { skew_s, inductance_h, square_ohm_s2, at_shunt_h, at_shunt_ohm_s2 };
         parts.iter().flatten().all(|v| v.is_finite()).then_some(error)
     }
 

@@ -9,12 +9,16 @@
 use super::block::{Block, Kind, TimeBlock};
 use super::data::BenchHistory;
 use super::whitening::dot;
-use crate::calibration::CommonError;
+use crate::calibration::{COMMON, CommonError};
 use crate::effects::{Base, Point};
+use num_complex::Complex64;
 
 /// What one standard deviation of each shared error does to the rows of a block: of the calibration, of the gain of both channels, of the start voltage, and of
-/// the three independent parts of what the correction leaves.
-pub(super) type Errors = [Vec<f64>; 6];
+/// each independent error that the correction leaves.
+pub(super) type Errors = [Vec<f64>; OWN + COMMON];
+
+/// Errors beside those of the correction.
+const OWN: usize = 3;
 
 /// Of a record with these predicted rows; `gain` is what the current's gain does to them, per unit.
 pub(super) fn of_record(
@@ -32,30 +36,29 @@ pub(super) fn of_record(
     let rest_v = base.ocv.voltage_v(block.at.soc);
     let both = predicted.iter().zip(gain).map(|(v, g)| history.channel_gain_rel * (v - rest_v - g)).collect();
     // Microseconds are nothing to a record.
-    let nothing = vec![0.0; predicted.len()];
-    [gain.iter().map(|v| history.calibration_rel * v).collect(), both, started, nothing.clone(), nothing.clone(), nothing]
+    let mut errors: Errors = std::array::from_fn(|_| vec![0.0; predicted.len()]);
+    [errors[0], errors[1], errors[2]] = [gain.iter().map(|v| history.calibration_rel * v).collect(), both, started];
+    errors
 }
 
 /// Of a spectrum with these predicted rows. A control is what the calibration goes by: there its error cannot be seen.
 pub(super) fn of_spectrum(kind: &Kind, predicted: &[f64], (history, calibration): (&BenchHistory, Option<CommonError>)) -> Errors {
-    // A ratio of two channels does not know what they share.
-    let nothing = vec![0.0; predicted.len()];
     let Kind::Eis { points, control_ohm, .. } = kind else { return Errors::default() };
     let is_cell = control_ohm.is_none();
     let gain = if is_cell { history.calibration_rel } else { 0.0 };
-    let left: [Vec<f64>; 3] = std::array::from_fn(|k| {
+    let left = |error: usize| -> Vec<f64> {
         let of = |(point, z): (&Point, &[f64])| {
-            let omega = std::f64::consts::TAU * point.freq_hz;
-            calibration.map_or([0.0; 2], |left| match is_cell {
-                // jω·(τ·Z + L).
-                true => [-omega * left.skew_s[k] * z[1], omega * (left.skew_s[k] * z[0] + left.inductance_h[k])],
-                false => [0.0, omega * left.at_shunt_h[k]],
-            })
+            let off = calibration.map_or(Complex64::ZERO, |left| left.at(error, point.freq_hz, Complex64::new(z[0], z[1]), is_cell));
+            [off.re, off.im]
         };
         points.iter().zip(predicted.chunks_exact(2)).flat_map(of).collect()
-    });
-    let [first, second, third] = left;
-    [predicted.iter().map(|z| gain * z).collect(), nothing.clone(), nothing, first, second, third]
+    };
+    // A ratio of two channels does not know what they share.
+    std::array::from_fn(|k| match k {
+        0 => predicted.iter().map(|z| gain * z).collect(),
+        1 | 2 => vec![0.0; predicted.len()],
+        _ => left(k - OWN),
+    })
 }
 
 /// The operator that takes shared errors out of whitened rows.

@@ -220,9 +220,11 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
         ],
         history: Some(history),
         calibration: Some(CommonError {
-            skew_s: [5e-7, 0.0, 0.0],
-            inductance_h: [-1e-9 / 3.0, 2e-10, 0.0],
-            at_shunt_h: [1e-10, 0.0, 3e-11],
+            skew_s: [5e-7, 0.0, 0.0, 0.0, 0.0],
+            inductance_h: [-1e-9 / 3.0, 2e-10, 0.0, 0.0, 0.0],
+            square_ohm_s2: [0.0, 1e-13, 2e-13 / 3.0, 0.0, 0.0],
+            at_shunt_h: [1e-10, 0.0, 3e-11, 1e-10, 0.0],
+            at_shunt_ohm_s2: [0.0, 0.0, 1e-14, 0.0, 1e-13],
         }),
     };
     let folder = tempfile::tempdir().unwrap();
@@ -260,7 +262,8 @@ fn a_run_folder_with_an_index_gives_its_sweeps_and_traces() {
         "sweeps": [{"file": "spectrum.csv", "fixture": "cell", "fixture_ohm": null, "corrected": true, "amplitude_a": 1.0, "repeat": 1, "order": 0,
                     "start_time_s": 100.0, "start_ocv_v": 3.72, "temperature_c": 25.0, "role": "train", "repeat_group": "eis",
                     "own_sigma_ohm": [[1e-6, 2e-6], [3e-6, 4e-6]], "common_error":
-                    {"skew_s": [5e-7, 0, 0], "inductance_h": [1e-9, 2e-9, 0], "at_shunt_h": [0, 0, 0]}}],
+                    {"skew_s": [5e-7, 0, 0, 0, 0], "inductance_h": [1e-9, 2e-9, 0, 0, 0], "square_ohm_s2": [0, 0, 0, 0, 0],
+                     "at_shunt_h": [0, 0, 0, 0, 0], "at_shunt_ohm_s2": [0, 0, 0, 0, 0]}}],
         "traces": [{"file": "series_pulse_1.bdf.csv", "name": "pulse", "repeat": 1, "order": 1, "start_time_s": 160.0, "start_ocv_v": 3.7,
                     "charge_before_c": 0.0, "temperature_c": 25.5, "role": "held_out", "repeat_group": "pulse", "current_positive": "charge",
                     "current_between_samples": "hold", "steps_s": [1.0], "sample_sigma_a": 0.01, "sample_sigma_v": 0.0005}]}"#;
