@@ -186,6 +186,12 @@ pub struct CommonError {
 }
 
 impl CommonError {
+    /// Whether all are numbers.
+    pub fn is_finite(&self) -> bool {
+        let all = [self.skew_s, self.inductance_h, self.square_ohm_s2, self.at_shunt_h, self.at_shunt_ohm_s2];
+        all.iter().flatten().all(|v| v.is_finite())
+    }
+
     /// What one standard deviation of an error, by its number, adds to an impedance at a frequency (Hz): to that of the cell, or to that of the shunt.
     pub fn at(&self, error: usize, freq_hz: f64, z_ohm: Complex64, is_cell: bool) -> Complex64 {
         let omega = std::f64::consts::TAU * freq_hz;
@@ -397,7 +403,7 @@ impl Correction {
     }
 
     /// What the uncertainty of the correction does to all impedances corrected so at once: derivatives by the parameters of the harness, taken apart by least
-    /// squares into a gain, which is left out, a skew and an inductance. `jig` are points of the cell, `shunt` such with the voltage probes on the shunt; none
+    /// squares into a gain, which is left out, a skew, an inductance and a resistance that grows as the square of the frequency. `jig` are points of the cell, `shunt` such with the voltage probes on the shunt; none
     /// where that is never measured again. None for fewer than two points of the cell.
     pub fn common_error(&self, jig: &[ChannelPhasors], shunt: &[ChannelPhasors]) -> Option<CommonError> {
         if jig.len() < 2 {
@@ -420,8 +426,7 @@ impl Correction {
         };
         let parts = independent(&std::array::from_fn(|i| std::array::from_fn(|j| between(&rows[i], &rows[j]))));
         let [skew_s, inductance_h, square_ohm_s2, at_shunt_h, at_shunt_ohm_s2] = parts;
-        let error = CommonError { skew_s, inductance_h, square_ohm_s2, at_shunt_h, at_shunt_ohm_s2 };
-        parts.iter().flatten().all(|v| v.is_finite()).then_some(error)
+        Some(CommonError { skew_s, inductance_h, square_ohm_s2, at_shunt_h, at_shunt_ohm_s2 }).filter(CommonError::is_finite)
     }
 
     /// The parameters with standard deviations.

@@ -17,7 +17,7 @@ use super::block::{Desk, Kind};
 use super::data::Role;
 use super::guards::beyond_formula;
 use super::localise::{Ranges, places};
-use super::periodic::wave;
+use super::periodic::{Wave, wave};
 use super::problem::{Fit, Problem, Tangent};
 use super::whitening::dot;
 use crate::validity::tail::{chi2_tail, holm};
@@ -82,10 +82,9 @@ pub(super) fn inconsistencies(problem: &Problem, (base, fit): (&Fit, &Fit), desk
             }
         }
     }
-    if let Some(wave) = wave(problem, fit) {
-        let over = format!("the phase of a wave of {:.3} s", wave.period_s).into();
-        let p_value = wave.p_value(beyond_formula(wave.chi2, gained));
-        found.push(Inconsistency { quantity: "what is left".to_owned(), over, chi2: wave.chi2, dof: wave.dof, p_value });
+    if let Some(Wave { period_s, chi2, dof, p_value }) = wave(problem, fit, |chi2| beyond_formula(chi2, gained)) {
+        let over = format!("the phase of a wave of {period_s:.3} s").into();
+        found.push(Inconsistency { quantity: "what is left".to_owned(), over, chi2, dof, p_value });
     }
     let corrected = holm(&found.iter().map(|f| f.p_value).collect::<Vec<f64>>());
     found.iter_mut().zip(corrected).for_each(|(f, p)| f.p_value = p);

@@ -1,7 +1,7 @@
 //! Whether what is left swings: hum that the sampling has folded to a slow wave, or a thermostat that goes on and off. Such a wave is the same in all records but for
 //! its phase, and small in each of them: no block of residuals and no χ² of a thousand rows shows it.
 //!
-//! Per record and frequency a sine and a cosine, averaged over the rows as samples are and whitened, take up χ² of two degrees of freedom where nothing swings
+//! Per record and frequency a sine and a cosine, averaged over the samples of each row and whitened, take up χ² of two degrees of freedom where nothing swings
 //! (the periodogram of unevenly sampled data, Lomb 1976, Scargle 1982); the sum over all records is asked, at as many frequencies as the longest record can tell
 //! apart, and its probability multiplied by their number.
 
@@ -14,8 +14,11 @@ use std::f64::consts::TAU;
 
 /// Periods that are looked for, s: shorter ones a row averages out, longer ones a branch of the model can be.
 const PERIODS_S: (f64, f64) = (2.0, 60.0);
-/// Frequencies per width of a peak.
+/// Frequencies per width of a peak, and as many at most: what is seen must not cost minutes.
 const PER_PEAK: f64 = 1.5;
+const MOST: f64 = 1500.0;
+/// Periods that a record must hold: fewer are its level and slope.
+const LEAST_PERIODS: f64 = 1.5;
 /// Keeps a quotient finite.
 const TINY: f64 = 1e-12;
 
@@ -26,19 +29,12 @@ pub(super) struct Wave {
     /// χ² that it takes up, and as how many quantities.
     pub(super) chi2: f64,
     pub(super) dof: usize,
-    /// How many periods were tried.
-    pub(super) tried: f64,
+    /// Probability that as much beyond what may be left is taken up where nothing swings, at any of the periods.
+    pub(super) p_value: f64,
 }
 
-impl Wave {
-    /// Probability that as much χ² is taken up where nothing swings, at any of the periods.
-    pub(super) fn p_value(&self, chi2: f64) -> f64 {
-        (chi2_tail(chi2, self.dof as f64) * self.tried).min(1.0)
-    }
-}
-
-/// The wave that takes up most of what a fit leaves of the training records; none without records that are long enough.
-pub(super) fn wave(problem: &Problem, fit: &Fit) -> Option<Wave> {
+/// The least probable wave in what a fit leaves of the training records; none without records that are long enough. `beyond` is what of a χ² is more than may be left.
+pub(super) fn wave(problem: &Problem, fit: &Fit, beyond: impl Fn(f64) -> f64) -> Option<Wave> {
     let mut from = 0;
     let mut records: Vec<(usize, &TimeBlock, &[f64])> = Vec::new();
     for k in problem.of_role(Role::Train) {
@@ -50,15 +46,20 @@ pub(super) fn wave(problem: &Problem, fit: &Fit) -> Option<Wave> {
     }
     let longest_s = records.iter().filter_map(|(_, time, _)| time.time_s.last().copied()).fold(0.0, f64::max);
     let (slowest_hz, fastest_hz) = (PERIODS_S.1.recip().max(2.0 / longest_s), PERIODS_S.0.recip());
-    let count = (PER_PEAK * longest_s * (fastest_hz - slowest_hz)).floor();
+    let count = (PER_PEAK * longest_s * (fastest_hz - slowest_hz)).floor().min(MOST);
     if !(count >= 1.0 && count.is_finite()) {
         return None;
     }
     let step_hz = (fastest_hz - slowest_hz) / count;
-    let taken = |freq_hz: f64| records.iter().map(|record| taken_up(problem, record, freq_hz)).sum::<f64>();
-    let all = (0..=count as usize).map(|n| slowest_hz + step_hz * n as f64).map(|freq_hz| (freq_hz, taken(freq_hz)));
-    let (freq_hz, chi2) = all.max_by(|a, b| a.1.total_cmp(&b.1))?;
-    Some(Wave { period_s: freq_hz.recip(), chi2, dof: 2 * records.len(), tried: count + 1.0 })
+    let at = |freq_hz: f64| {
+        let held = |record: &&(usize, &TimeBlock, &[f64])| record.1.time_s.last().is_some_and(|span_s| span_s * freq_hz >= LEAST_PERIODS);
+        let (chi2, dof) = records.iter().filter(held).fold((0.0, 0), |(chi2, dof), r| (chi2 + taken_up(problem, r, freq_hz), dof + 2));
+        let p_value = if dof == 0 { 1.0 } else { (chi2_tail(beyond(chi2), f64::from(dof)) * (count + 1.0)).min(1.0) };
+        Wave { period_s: freq_hz.recip(), chi2, dof: dof as usize, p_value }
+    };
+    (0..=count as usize)
+        .map(|n| at(slowest_hz + step_hz * n as f64))
+        .min_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.chi2.total_cmp(&a.chi2)))
 }
 
 /// χ² of a record that a wave of this frequency takes up.

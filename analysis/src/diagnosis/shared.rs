@@ -1,5 +1,5 @@
 //! Errors that are the same in all runs of a campaign: what the calibration left of the current's gain, what it cannot see because current and voltage
-//! share it, the error of the meter that start voltages are read with, and the skew and inductance that a correction by control impedances leaves in spectra.
+//! share it, the error of the meter that start voltages are read with, and what a correction by control impedances leaves in spectra.
 //! Repeats do not show them, and more repeats do not make them smaller.
 //!
 //! With v what one standard deviation of such an error does to the whitened rows of all runs, their covariance is I + v·vᵀ. The operator

@@ -12,8 +12,8 @@ const APART: f64 = 0.288_675_134_594_812_9;
 pub(super) struct Windows {
     /// Instants, s, rising.
     pub(super) time_s: Vec<f64>,
-    /// Of each instant the sample before it and the part of the way to the next.
-    between: Vec<(usize, f64)>,
+    /// Of each instant the sample whose current flows then: no window holds a step of the current.
+    sample: Vec<usize>,
     /// Of each sample its first instant, and whether the next is of its window too.
     first: Vec<(usize, bool)>,
 }
@@ -22,43 +22,38 @@ impl Windows {
     /// From samples, the first ones after edges of the current, and the windows that samples are means of; these in the record's own time, which begins at
     /// `start_s`.
     pub(super) fn new((samples_s, edges): (&[f64], &[usize]), averaged_s: &[(f64, f64)], start_s: f64) -> Self {
-        let mut windows = Self { time_s: Vec::new(), between: Vec::new(), first: Vec::new() };
+        let mut windows = Self { time_s: Vec::new(), sample: Vec::new(), first: Vec::new() };
         for (k, (at_s, (from_s, to_s))) in samples_s.iter().zip(averaged_s).enumerate() {
             let (middle_s, half_s) = (0.5 * (from_s + to_s) - start_s, APART * (to_s - from_s));
             let (low_s, high_s) = (middle_s - half_s, middle_s + half_s);
             let begin_s =
                 windows.time_s.last().copied().unwrap_or(f64::NEG_INFINITY).max(if k > 0 { samples_s[k - 1] } else { f64::NEG_INFINITY });
             let end_s = samples_s.get(k + 1).copied().unwrap_or(f64::INFINITY);
-            // Before the first sample after an edge, the current is not what it is in its window.
+            // Two rows enclose an edge so that the line between them steps where the current did: the first after it stays where it is.
             let inside = half_s > 0.0 && low_s > begin_s && high_s < end_s && low_s < high_s && !edges.contains(&k);
             windows.first.push((windows.time_s.len(), inside));
             if inside {
-                windows.add(low_s, samples_s, k);
-                windows.add(high_s, samples_s, k);
+                windows.add(low_s, k);
+                windows.add(high_s, k);
             }
             // An edge of the current is between samples as they stand.
             if !inside || *at_s > high_s {
-                windows.add(*at_s, samples_s, k);
+                windows.add(*at_s, k);
             }
         }
         windows
     }
 
-    /// An instant in the window of sample `k`, between the samples at both sides of it.
-    fn add(&mut self, at_s: f64, samples_s: &[f64], k: usize) {
-        let before = if at_s < samples_s[k] { k.saturating_sub(1) } else { k };
-        let after = (before + 1).min(samples_s.len() - 1);
-        let span_s = samples_s[after] - samples_s[before];
+    /// An instant of sample `k`.
+    fn add(&mut self, at_s: f64, k: usize) {
         self.time_s.push(at_s);
-        self.between.push((before, if span_s > 0.0 { ((at_s - samples_s[before]) / span_s).clamp(0.0, 1.0) } else { 0.0 }));
+        self.sample.push(k);
     }
 
     /// Currents of the instants from those of the samples.
     pub(super) fn current(&self, samples_a: &[f64], instants_a: &mut Vec<f64>) {
-        let last = samples_a.len() - 1;
-        let at = |(before, part): &(usize, f64)| samples_a[*before] + part * (samples_a[(before + 1).min(last)] - samples_a[*before]);
         instants_a.clear();
-        instants_a.extend(self.between.iter().map(at));
+        instants_a.extend(self.sample.iter().map(|k| samples_a[*k]));
     }
 
     /// Samples from voltages of the instants.

@@ -189,6 +189,13 @@ fn the_common_error_is_what_the_correction_carries() {
         compared += 1;
     }
     assert!(compared > 2);
+    // What is told of the real part is no more than the correction carries into it.
+    let end = runs.cell.iter().max_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz)).unwrap();
+    let z_ohm = correction.apply(end).z_ohm;
+    let re = |error: usize| left.at(error, end.freq_hz, z_ohm, true).re;
+    let squares: f64 = (0..COMMON).map(|error| re(error).powi(2)).sum();
+    let flat = correction.carried_covariance(runs.cell.iter().min_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz)).unwrap()).re_re;
+    assert!(squares > 0.0 && squares < 2.0 * (correction.carried_covariance(end).re_re + flat), "{squares} Ω²");
     assert!(correction.common_error(&runs.cell[..1], &[]).is_none());
 }
 

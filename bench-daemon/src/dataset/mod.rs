@@ -32,7 +32,7 @@ mod write;
 
 use std::path::Path;
 
-use analysis::diagnosis::DataSet;
+use analysis::{calibration::CommonError, diagnosis::DataSet};
 
 use crate::config::ConfigError;
 
@@ -58,6 +58,14 @@ pub struct Loaded {
 /// # Errors
 /// [`ConfigError`] with file, line and field for what is not as expected, and for a file that is not there.
 pub fn read_dataset(path: &Path) -> Result<Loaded, ConfigError> {
+    read_after(path, None)
+}
+
+/// As [`read_dataset`]; `known` is what an inherited correction leaves, which a run that measured no controls cannot tell.
+///
+/// # Errors
+/// As [`read_dataset`].
+pub(crate) fn read_after(path: &Path, known: Option<CommonError>) -> Result<Loaded, ConfigError> {
     if path.is_file() {
         return resolve::read(path);
     }
@@ -65,7 +73,7 @@ pub fn read_dataset(path: &Path) -> Result<Loaded, ConfigError> {
     if listed.is_file() {
         return resolve::read(&listed);
     }
-    run_folder::read(path)
+    run_folder::read(path, known)
 }
 
 #[cfg(test)]

@@ -50,6 +50,10 @@ pub(super) fn read(path: &Path) -> Result<Loaded, ConfigError> {
     if names.is_empty() {
         return Err(source.complain("runs", "expected at least one [[runs]], found none"));
     }
+    let left = raw.calibration.as_ref();
+    if left.is_some_and(|left| !left.is_finite()) {
+        return Err(source.complain("calibration", "expected finite numbers"));
+    }
     Ok(Loaded {
         set: DataSet { name: raw.name, runs: with_starts(listed), history: raw.bench, calibration: raw.calibration },
         problems,

@@ -33,18 +33,19 @@ const UNSEEN_V: f64 = 3e-3;
 /// Taken where a run was made without a thermometer, °C.
 const ROOM_C: f64 = 25.0;
 
-/// Reads a run folder.
+/// Reads a run folder. `known`: what an inherited correction leaves, as the run that measured its controls tells it.
 ///
 /// # Errors
 /// [`ConfigError`] for a folder that is none, or whose files are not as this program writes them.
-pub(super) fn read(folder: &Path) -> Result<Loaded, ConfigError> {
+pub(super) fn read(folder: &Path, known: Option<CommonError>) -> Result<Loaded, ConfigError> {
     let manifest: Manifest = json(&folder.join(MANIFEST), &format!("expected {} or a run folder with {MANIFEST}", super::DATASET_FILE))?;
     let mut reader = Reader { folder, loaded: empty(manifest.experiment), files: Files::default() };
+    reader.loaded.set.calibration = known;
+    reader.history();
     if !folder.join(INDEX).is_file() {
         reader.the_sweep(&manifest.cell.name)?;
         return Ok(reader.loaded);
     }
-    reader.loaded.set.history = history(folder);
     let index: Index = json(&folder.join(INDEX), "expected the index of a run")?;
     let first_s =
         index.sweeps.iter().map(|s| s.start_time_s).chain(index.traces.iter().map(|t| t.start_time_s)).fold(f64::INFINITY, f64::min);
@@ -123,6 +124,22 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
+    /// What the bench's file says of its past: the run keeps a copy of it among its configuration.
+    fn history(&mut self) {
+        let Ok(entries) = std::fs::read_dir(self.folder.join(CONFIG)) else { return };
+        let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+        files.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+        files.sort();
+        for path in files {
+            let Some(table) = std::fs::read_to_string(&path).ok().and_then(|text| text.parse::<toml::Table>().ok()) else { continue };
+            let Some(history) = table.get("history") else { continue };
+            match history.clone().try_into::<BenchHistory>() {
+                Ok(history) => self.loaded.set.history = Some(history),
+                Err(error) => self.note(format!("{}: [history] is not as expected and not used: {}", path.display(), error.message())),
+            }
+        }
+    }
+
     fn sweep(&mut self, cell: &str, entry: &SweepEntry, first_s: f64) -> Result<(), ConfigError> {
         let name = stem(&entry.file);
         let fixture = match (entry.fixture.as_str(), entry.fixture_ohm) {
@@ -142,12 +159,14 @@ impl Reader<'_> {
             _ => Start::Soc(CONTROL_SOC),
         };
         let Some(mut data) = self.spectrum(&entry.file, &name)? else { return Ok(()) };
+        self.loaded.set.calibration = self.loaded.set.calibration.or(entry.common_error);
         if let RunData::Eis(sweep) = &mut data
+            && self.loaded.set.calibration.is_some()
             && sweep.points.len() == entry.own_sigma_ohm.len()
         {
             // What the correction leaves is common to all sweeps, and stated once for all of them.
-            sweep.points.iter_mut().zip(&entry.own_sigma_ohm).for_each(|(point, [re, im])| point.sigma_ohm = Some((*re, *im)));
-            self.loaded.set.calibration = self.loaded.set.calibration.or(entry.common_error);
+            let stated = |[re, im]: &[f64; 2]| Some((*re, *im)).filter(|(re, im)| *re > 0.0 && *im > 0.0);
+            sweep.points.iter_mut().zip(&entry.own_sigma_ohm).for_each(|(point, own)| point.sigma_ohm = stated(own).or(point.sigma_ohm));
         }
         let temperature_c = self.temperature(&name, entry.temperature_c);
         self.loaded.set.runs.push(Run {
@@ -300,18 +319,6 @@ impl Reader<'_> {
     fn complain(&self, file: &str, reason: impl Into<String>) -> ConfigError {
         unreadable(&self.folder.join(file), &reason.into())
     }
-}
-
-/// What the bench's file says of its past: the run keeps a copy of it among its configuration.
-fn history(folder: &Path) -> Option<BenchHistory> {
-    #[derive(Deserialize)]
-    struct Bench {
-        history: BenchHistory,
-    }
-    let files = std::fs::read_dir(folder.join(CONFIG)).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
-    let mut files: Vec<PathBuf> = files.filter(|path| path.extension().is_some_and(|extension| extension == "toml")).collect();
-    files.sort();
-    files.iter().find_map(|path| toml::from_str::<Bench>(&std::fs::read_to_string(path).ok()?).ok()).map(|bench| bench.history)
 }
 
 fn unreadable(path: &Path, reason: &str) -> ConfigError {

@@ -10,12 +10,12 @@ use analysis::{
 use crate::{
     command::Failure,
     config::ConfigError,
-    dataset::{Loaded, read_dataset},
+    dataset::{Loaded, read_after},
 };
 
 /// Adds the runs of an experiment to those before it: they come later, and repeat what the plan says that they repeat.
 pub(super) fn add(loaded: &mut Loaded, (first, folder): (&Path, &Path), planned: &[PlannedRun]) -> Result<(), Failure> {
-    let mut more = read_dataset(folder)?;
+    let mut more = read_after(folder, loaded.set.calibration)?;
     let later_s = begin_s(folder)? - begin_s(first)?;
     let orders = loaded.set.runs.iter().map(|run| run.order + 1).max().unwrap_or(0);
     let prefix = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());

@@ -1,6 +1,6 @@
 //! Repeats that end early, or that differ by far more than the bench's history lets them.
 
-use super::super::data::{BenchHistory, TimeRecord};
+use super::super::data::{BenchHistory, Fixture, TimeRecord};
 use super::{Check, Findings, Inspection, Reason, Subject, median};
 
 /// A run is cut off where it lasts less than this share of a repeat and current flows in what is missing.
@@ -17,8 +17,10 @@ const FAR_DRIFT: f64 = 400.0;
 /// part of the way lies aside of it. A cell that ages steadily does that by any amount.
 const STEADY: f64 = 0.15;
 const ASIDE: f64 = 0.3;
-/// Two repeats may differ by so many times as much per time as a group that goes steadily one way.
+/// Two repeats may differ by so many times as much per time as a group of the cell that goes steadily one way, by this many standard deviations at least, and no
+/// shorter.
 const WITH_THE_CELL: f64 = 5.0;
+const SEEN: f64 = 5.0;
 /// A step of time is odd where it differs by this share and this many seconds, and a jump of the clock where no more than so many do.
 const ODD_STEP: f64 = 0.1;
 const ODD_STEP_S: f64 = 5e-3;
@@ -104,13 +106,18 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
             Repeats::new(&members, &history)
         })
         .collect();
-    let cell_per_s = groups.iter().filter(|group| steady(&group.off)).map(Repeats::per_s).fold(0.0, f64::max);
+    let drifting: Vec<(f64, f64)> = groups
+        .iter()
+        .filter(|group| group.of_cell() && group.z() > SEEN && steady(&group.off))
+        .map(|group| (group.per_s(), group.span_s()))
+        .collect();
     for group in groups {
         let z = group.z();
         let far: Vec<String> =
             group.off.iter().zip(&group.size).filter(|(_, z)| **z > FAR_OFF).map(|(off, _)| off.0.run.name.clone()).collect();
         // Two runs alone do not show which way they go, but what else the cell did meanwhile does.
-        let with_the_cell = group.off.len() == 2 && group.per_s() < WITH_THE_CELL * cell_per_s;
+        let follows = |(per_s, span_s): &(f64, f64)| group.span_s() <= *span_s && group.per_s() < WITH_THE_CELL * per_s;
+        let with_the_cell = group.off.len() == 2 && z < FAR_DRIFT && group.of_cell() && drifting.iter().any(follows);
         let drifted = steady(&group.off) || with_the_cell || (z < FAR_DRIFT && drifts(group.off));
         if !far.is_empty() && !drifted {
             let text = format!("it differs from its repeats by {z:.0} standard deviations of the bench's history");
@@ -137,11 +144,20 @@ impl<'a> Repeats<'a> {
         self.size.iter().copied().fold(0.0, f64::max)
     }
 
-    /// Standard deviations between the farthest of the group per time between the first and the last, 1/s. Two lie on both sides of their mean.
-    fn per_s(&self) -> f64 {
+    fn of_cell(&self) -> bool {
+        self.off.iter().all(|(subject, _)| matches!(subject.run.fixture, Fixture::Cell(_)))
+    }
+
+    /// Time between the first and the last, s.
+    fn span_s(&self) -> f64 {
         let starts = self.off.iter().map(|(subject, _)| subject.run.start_s);
         let (begin_s, end_s) = starts.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
-        2.0 * self.z() / (end_s - begin_s)
+        end_s - begin_s
+    }
+
+    /// Standard deviations between the farthest of the group per time between the first and the last, 1/s. Two lie on both sides of their mean.
+    fn per_s(&self) -> f64 {
+        2.0 * self.z() / self.span_s()
     }
 }
 

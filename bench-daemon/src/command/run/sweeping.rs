@@ -173,7 +173,10 @@ pub(super) fn shunt_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
 
 /// Standard deviations of both parts of each point.
 pub(super) fn own_sigma_ohm(own_noise: &Spectrum) -> Vec<[f64; 2]> {
-    own_noise.points.iter().map(|point| [point.covariance.re_re.sqrt(), point.covariance.im_im.sqrt()]).collect()
+    let sigma: Vec<[f64; 2]> =
+        own_noise.points.iter().map(|point| [point.covariance.re_re, point.covariance.im_im].map(|v| v.max(0.0).sqrt())).collect();
+    // JSON has no word for what is not a number.
+    if sigma.iter().flatten().all(|sigma| sigma.is_finite()) { sigma } else { Vec::new() }
 }
 
 /// What the quality gate refused to the end: told, and in words of the index.

@@ -249,6 +249,26 @@ fn clean_campaigns_pass() {
     }
 }
 
+/// Two repeats do not show which way they go, but the cell does where others of it were measured three times.
+#[test]
+fn two_repeats_may_go_with_the_cell() {
+    let pair = |hidden: &Hidden| {
+        let mut set = campaign(hidden, 4);
+        set.runs.retain(|run| run.name != "profile_1");
+        set
+    };
+    let refused = |set: &DataSet| look(set).invalid.iter().any(|reason| reason.check == Check::Repeats);
+    let aged = pair(&Hidden { ageing: 1e-1, ..Hidden::default() });
+    assert!(!refused(&aged));
+    let mut alone = aged;
+    let mut seen = std::collections::BTreeSet::new();
+    alone.runs.retain(|run| run.repeat_group == "profile" || seen.insert(run.repeat_group.clone()));
+    assert!(refused(&alone), "nothing else says that the cell changes");
+    let mut moved = pair(&Hidden::default());
+    series(&mut moved, "profile_2").voltage_v.iter_mut().for_each(|v| *v += 0.05);
+    assert!(refused(&moved), "the others did not move");
+}
+
 /// Everything a cell or a bench may really do, strong.
 #[test]
 fn hidden_effects_pass() {
