@@ -1,7 +1,7 @@
 //! Data sets: a folder with `dataset.toml`, or a run folder of this program, as a diagnosis wants them; and the way back.
 //!
 //! `dataset.toml` holds `name`, perhaps `[bench]` (the fields of [`BenchHistory`](analysis::diagnosis::BenchHistory)), perhaps `[calibration]` (the fields of
-//! [`CommonError`](analysis::calibration::CommonError): what the correction leaves in all spectra alike, if their σ are without it), and per run a `[[runs]]`:
+//! [`CommonError`]: what the correction leaves in all spectra alike, if their σ are without it), and per run a `[[runs]]`:
 //!
 //! | field | meaning | default |
 //! |---|---|---|
