@@ -111,9 +111,9 @@ fn a_direct_current_changes_p45b_in_no_way_of_the_catalogue() {
     within(met, [2.32, 2.01, 2.01]);
 }
 
+/// Hysteresis is the best name of the catalogue, and friction, a hysteresis of another form, does better: nothing is named.
 #[test]
-#[ignore = "a minute of computing"]
-fn hysteresis_of_a123_is_found_and_not_the_whole() {
+fn hysteresis_of_a123_is_seen_and_its_form_is_not_the_catalogues() {
     let Some(data) = measured() else { return };
     let file = |name: &str| data.join("cells/a123_26650_25C").join(name).to_str().unwrap().to_owned();
     let folder = tempfile::tempdir().unwrap();
@@ -121,9 +121,9 @@ fn hysteresis_of_a123_is_found_and_not_the_whole() {
     let words = ["ocv", &down, "--charge", &up, "--mean", "--dcir-ohm", "0.031", "--low-v", "2.0", "--high-v", "3.6", "--out", "ocv"];
     run(folder.path(), &words);
     let d = diagnosis(folder.path(), "a123_lfp", &project("configs/datasets/a123_lfp/model.json"));
-    assert_eq!((d["verdict"].as_str().unwrap(), names(&d["effects"])), ("unexplained", vec!["hysteresis"]));
-    // Half the difference between both slow directions is 17.0 mV.
-    let m_v = d["effects"][0]["parameters"][0]["value"].as_f64().unwrap();
-    assert!((m_v / 0.01563 - 1.0).abs() < 0.05, "{m_v}");
-    within(gap_mv(&d, "cycle_05"), [19.99, 17.86, 14.88]);
+    assert_eq!((d["verdict"].as_str().unwrap(), names(&d["effects"])), ("unexplained", Vec::new()));
+    assert!(d["summary"].as_str().unwrap().contains("friction of the stored charge"), "{}", d["summary"]);
+    let best: Vec<&str> = names(&d["ranking"]).into_iter().filter(|name| !name.starts_with("outside")).take(1).collect();
+    assert_eq!(best, ["hysteresis"]);
+    within(gap_mv(&d, "cycle_05"), [19.99, 17.86, 17.86]);
 }
