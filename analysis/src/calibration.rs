@@ -168,8 +168,8 @@ pub struct Correction {
 pub const COMMON: usize = 5;
 
 /// What a correction leaves in all impedances corrected by it alike: each of some independent errors, here one standard deviation of each, makes Z of a cell wrong
-/// by jω·(τ·Z + L) + ω²·q, and Z of the shunt by jω·L′ + ω²·q′. Repeats do not show them, and no mean makes them smaller. The squares matter beyond the frequencies of the
-/// controls.
+/// by jω·(τ·Z + L) + ω²·q, and Z of the shunt by jω·L′ + ω²·q′. Repeats do not show them, and no mean makes them smaller. The squares matter beyond the
+/// frequencies of the controls.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommonError {
@@ -240,17 +240,13 @@ fn independent(covariance: &[[f64; COMMON]; COMMON]) -> [[f64; COMMON]; COMMON] 
         for j in 0..=i {
             let known: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
             let left = covariance[i][j] - known;
-            // What is left of a row that follows from the ones before it is rounding.
-            l[i][j] = match (i == j, l[j][j] > 0.0) {
-                (true, _) => {
-                    if left > ROUNDING * covariance[i][i] {
-                        left.sqrt()
-                    } else {
-                        0.0
-                    }
-                }
-                (false, true) => left / l[j][j],
-                (false, false) => 0.0,
+            l[i][j] = if i != j {
+                if l[j][j] > 0.0 { left / l[j][j] } else { 0.0 }
+            } else if left > ROUNDING * covariance[i][i] {
+                left.sqrt()
+            } else {
+                // What is left of a row that follows from the ones before it is rounding.
+                0.0
             };
         }
     }
@@ -403,8 +399,8 @@ impl Correction {
     }
 
     /// What the uncertainty of the correction does to all impedances corrected so at once: derivatives by the parameters of the harness, taken apart by least
-    /// squares into a gain, which is left out, a skew, an inductance and a resistance that grows as the square of the frequency. `jig` are points of the cell, `shunt` such with the voltage probes on the shunt; none
-    /// where that is never measured again. None for fewer than two points of the cell.
+    /// squares into a gain, which is left out, a skew, an inductance and a resistance that grows as the square of the frequency. `jig` are points of the cell,
+    /// `shunt` such with the voltage probes on the shunt; none where that is never measured again. None for fewer than two points of the cell.
     pub fn common_error(&self, jig: &[ChannelPhasors], shunt: &[ChannelPhasors]) -> Option<CommonError> {
         if jig.len() < 2 {
             return None;

@@ -150,13 +150,14 @@ impl Search<'_> {
                 Ok(evidence) => return Some((attempt, evidence)),
                 Err(reason) => reason,
             };
-            if tells(&attempt, gained) && selection.refused.is_none() {
+            let tells = tells(&attempt, gained);
+            if tells && selection.refused.is_none() {
                 selection.refused = Some((attempt.name, attempt.score, reason.clone()));
             }
             if let Some(c) = ranking.iter_mut().find(|c| c.name == attempt.name) {
                 c.refused_because = reason;
             }
-            if tells(&attempt, gained) && selection.refused_fits.len() < MOST_REFUSED {
+            if tells && selection.refused_fits.len() < MOST_REFUSED {
                 selection.refused_fits.push(attempt);
             }
         }

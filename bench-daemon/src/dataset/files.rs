@@ -7,6 +7,7 @@ use std::{
 };
 
 use analysis::{
+    dataset::TRACE_COLUMNS,
     diagnosis::{Sweep, SweepPoint},
     formats::{CurrentSign, FormatError, SeriesOptions, SeriesReadError, SourcedSpectrum, read_series, read_sourced},
     series::{SeriesError, TimeSeries},
@@ -87,7 +88,7 @@ pub(super) fn sweep(spectrum: &Spectrum, bias_a: f64, amplitude_a: Option<f64>) 
 pub(super) const SIGMA_COLUMN: &str = "Voltage Standard Deviation / V";
 
 /// Columns of a record in time that state from when to when each sample is a mean.
-pub(super) const WINDOW_COLUMNS: [&str; 2] = ["Averaged From / s", "Averaged To / s"];
+pub(super) const WINDOW_COLUMNS: [&str; 2] = [TRACE_COLUMNS[5].name, TRACE_COLUMNS[6].name];
 
 /// Numbers of a further column of a table of so many samples; none where the table has no such column.
 pub(super) fn column(path: &Path, name: &str, (samples, fits): (usize, fn(&f64) -> bool)) -> Result<Option<Vec<f64>>, FileError> {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use analysis::{
     augmented::Between,
     calibration::CommonError,
-    dataset::read_trace_csv,
+    dataset::{TraceRow, read_trace_csv},
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
     series::TimeSeries,
 };
@@ -188,9 +188,11 @@ impl Reader<'_> {
         let read = self.files.series(&self.folder.join(&entry.file), Some(entry.current_positive.sign()));
         let part = read.map(|series| files::window(series, f64::NEG_INFINITY, f64::INFINITY).map(|all| files::part(series, all)));
         let Some(Some(mut series)) = self.or_problem(&name, part)? else { return Ok(()) };
-        let (mut sigma_v, mut averaged_s) = self.rows(entry, series.len())?;
+        let rows = read_trace_csv(&self.folder.join(&entry.file)).map_err(|error| self.complain(&entry.file, error.to_string()))?;
+        let row_s = rows.first().map_or(0.0, |row| row.time_s);
+        let (mut sigma_v, mut averaged_s) = told_of(&rows, (entry.sample_sigma_v, row_s), series.len());
         if let Some(sigma_v) = &mut sigma_v {
-            self.rest_before(entry, (&mut series, sigma_v, averaged_s.as_mut()))?;
+            self.rest_before((entry, row_s), (&mut series, sigma_v, averaged_s.as_mut()))?;
         }
         let temperature_c = self.temperature(&name, entry.temperature_c);
         self.loaded.set.runs.push(Run {
@@ -214,30 +216,17 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Noise of each row, that of one sample of the scope, less by as many as the row is the mean of; and the window of that mean.
-    fn rows(&self, entry: &TraceEntry, rows: usize) -> Result<(Option<Vec<f64>>, Option<Windows>), ConfigError> {
-        let read = read_trace_csv(&self.folder.join(&entry.file)).map_err(|error| self.complain(&entry.file, error.to_string()))?;
-        let sigma_v: Vec<f64> = read.iter().map(|row| entry.sample_sigma_v / row.samples.max(1.0).sqrt()).collect();
-        let stated = sigma_v.len() == rows && sigma_v.iter().all(|s| *s > 0.0);
-        // In the series' own time, whose first sample is at zero.
-        let first_s = read.first().map_or(0.0, |row| row.time_s);
-        let windows: Windows = read.iter().map(|row| (row.averaged_s.0 - first_s, row.averaged_s.1 - first_s)).collect();
-        let told = windows.len() == rows && windows.iter().all(|(from_s, to_s)| from_s <= to_s);
-        Ok((stated.then_some(sigma_v), told.then_some(windows)))
-    }
-
-    /// Puts the end of the rest before the first row: once the supply is up, its offset flows. Nothing is seen of the voltage then.
+    /// Puts the end of the rest before the first row, which is at `row_s` of test time: once the supply is up, its offset flows. Nothing is seen of the voltage then.
     fn rest_before(
         &self,
-        entry: &TraceEntry,
+        (entry, row_s): (&TraceEntry, f64),
         (series, sigma_v, averaged_s): (&mut TimeSeries, &mut Vec<f64>, Option<&mut Windows>),
     ) -> Result<(), ConfigError> {
-        let first = read_trace_csv(&self.folder.join(&entry.file)).map_err(|error| self.complain(&entry.file, error.to_string()))?;
         let path = self.folder.join(EVENTS);
         let text = std::fs::read_to_string(&path).map_err(|error| unreadable(&path, &error.to_string()))?;
         let ups = text.lines().filter(|line| line.contains(OUTPUT_ON)).filter_map(|line| line.split(',').next()?.parse::<f64>().ok());
         let Some(up_s) = ups.rev().find(|up_s| *up_s < entry.start_time_s) else { return Ok(()) };
-        let since_s = first.first().map_or(0.0, |row| row.time_s) + entry.start_time_s - up_s;
+        let since_s = row_s + entry.start_time_s - up_s;
         series.time_s.iter_mut().for_each(|time_s| *time_s += since_s);
         series.time_s.insert(0, 0.0);
         series.current_a.insert(0, series.current_a[0]);
@@ -319,6 +308,16 @@ impl Reader<'_> {
     fn complain(&self, file: &str, reason: impl Into<String>) -> ConfigError {
         unreadable(&self.folder.join(file), &reason.into())
     }
+}
+
+/// Noise of each of so many rows, that of one sample of the scope (V), less by as many as the row is the mean of; and the window of that mean. In the series' own
+/// time, whose first row, at `row_s` of test time, is at zero.
+fn told_of(read: &[TraceRow], (sample_sigma_v, row_s): (f64, f64), rows: usize) -> (Option<Vec<f64>>, Option<Windows>) {
+    let sigma_v: Vec<f64> = read.iter().map(|row| sample_sigma_v / row.samples.max(1.0).sqrt()).collect();
+    let stated = sigma_v.len() == rows && sigma_v.iter().all(|s| *s > 0.0);
+    let windows: Windows = read.iter().map(|row| (row.averaged_s.0 - row_s, row.averaged_s.1 - row_s)).collect();
+    let told = windows.len() == rows && windows.iter().all(|(from_s, to_s)| from_s <= to_s);
+    (stated.then_some(sigma_v), told.then_some(windows))
 }
 
 fn unreadable(path: &Path, reason: &str) -> ConfigError {
