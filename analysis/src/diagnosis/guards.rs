@@ -63,6 +63,9 @@ pub(super) const GOOD_FIT_Z: f64 = 5.0;
 pub(super) const OUTSIDE_ALONE: f64 = 30.0;
 /// Penalised gain by which the best must lead a rival to be named.
 pub(super) const NAMING_LEAD: f64 = 14.0;
+/// Penalised gain by which an effect outside the catalogue must lead a named one for the name to be withdrawn. Where the name is the truth, the other one leads by
+/// so much at most in one of forty cases, however well or badly the data tell them apart.
+pub(super) const OUTSIDE_LEAD: f64 = 4.0;
 /// Part of the named one's gain by which it must lead where the noise is assumed: a χ² is then worth no more than the assumption.
 pub(super) const ASSUMED_LEAD: f64 = 0.05;
 /// χ² below which the freer of two forms gains nothing: the 99 % interval of its further parameter holds the limit where it is the other form.
@@ -98,6 +101,11 @@ pub(super) const MOST_EFFECTS: usize = 3;
 /// Penalised gain by which an effect of this λ must lead its rivals.
 pub(super) fn naming_lead(measured: bool, lambda: f64) -> f64 {
     if measured { NAMING_LEAD } else { NAMING_LEAD.max(ASSUMED_LEAD * lambda) }
+}
+
+/// Penalised gain by which something outside the catalogue must lead a name of this λ: 3 % of an effect that differ from its formula are no lead.
+pub(super) fn outside_lead(lambda: f64) -> f64 {
+    OUTSIDE_LEAD.max(FORMULA_SHARE * FORMULA_SHARE * lambda).min(NAMING_LEAD)
 }
 
 /// χ² that is left of a further λ where so much was gained already: what was added differs from nature by up to [`FORMULA_SHARE`] of its size, and the difference

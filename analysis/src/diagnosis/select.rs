@@ -3,7 +3,7 @@
 use super::accept::tells;
 use super::attempts::{Attempt, is_outside};
 use super::block::Desk;
-use super::guards::{Guards, MOST_EFFECTS, NAMING_LEAD, OUTSIDE_ALONE};
+use super::guards::{Guards, MOST_EFFECTS, NAMING_LEAD, OUTSIDE_ALONE, outside_lead};
 use super::outcome::{Candidate, Evidence};
 use super::problem::{Fit, Problem};
 use crate::effects::{Effect, outside};
@@ -195,8 +195,9 @@ impl Search<'_> {
         let title = |name: &str| outside().iter().find(|e| e.card().name == name).map(|e| e.card().title);
         let spent: f64 = selection.fit.structure.members.iter().map(|m| self.problem.penalty(m)).sum();
         let gained = selection.base.chi2 - selection.fit.chi2 - spent;
-        let beaten =
-            selection.taken.iter().flat_map(|t| &t.rivals).find(|r| is_outside(r.name) && r.score_gap >= NAMING_LEAD).map(|r| r.name);
+        let led =
+            |t: &Taken| t.rivals.iter().find(|r| is_outside(r.name) && r.score_gap >= outside_lead(t.evidence.lambda)).map(|r| r.name);
+        let beaten = selection.taken.iter().find_map(led);
         let refused = selection.refused.as_ref().filter(|r| selection.taken.is_empty() && r.1 >= OUTSIDE_ALONE).map(|r| r.0);
         let stands_alone = alone.filter(|a| selection.taken.len() > 1 && a.1 >= gained).map(|a| a.0);
         if let Some(title) = beaten.or(stands_alone).or(refused).and_then(title) {

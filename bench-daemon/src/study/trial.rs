@@ -1,6 +1,7 @@
 //! One trial: hidden truth, data set, diagnosis, score.
 
 use analysis::diagnosis::{Block, Candidate, Diagnosis, Gap, Outcome, Verdict, gate, yardstick};
+use analysis::effects;
 use fixtures::hidden::{Case, EffectKind, LabelledEffect, Spec, Stratum};
 use serde::Serialize;
 
@@ -18,7 +19,7 @@ pub enum End {
     None,
     /// Exactly what was hidden.
     Right,
-    /// Ambiguous, and what was hidden is among the effects that it names.
+    /// Ambiguous, and what was hidden is among the effects that it names; of what no catalogue has, that it may be something else.
     Twin,
     /// What was hidden and more.
     Extra,
@@ -148,13 +149,13 @@ pub fn play(stratum: Stratum, spec: &Spec, follow_up: bool) -> anyhow::Result<Sc
     if follow_up && outcome.diagnosis.verdict == Verdict::Ambiguous {
         let after = settle(spec, &set, &model, &outcome)?;
         let before = std::iter::once(&outcome).chain(&after);
-        asked.extend(before.zip(&after).filter_map(|(before, after)| recommended(&truth(&case), before, after)));
+        asked.extend(before.zip(&after).filter_map(|(before, after)| recommended(&Truth::of(&case), before, after)));
     }
     Ok(Score { recommended: asked, ..score(stratum, &case, Some(&outcome), (lambda, closed)) })
 }
 
 /// How the recommended run ends it.
-fn recommended(truth: &[&str], before: &Outcome, after: &Outcome) -> Option<Recommended> {
+fn recommended(truth: &Truth, before: &Outcome, after: &Outcome) -> Option<Recommended> {
     let (next, d) = (before.diagnosis.next_experiment.as_ref()?, &after.diagnosis);
     let named: Vec<&'static str> = d.effects.iter().map(|e| e.name).collect();
     let rivals: Vec<&'static str> = d.rivals.iter().map(|r| r.name).collect();
@@ -182,8 +183,17 @@ pub fn strength(spec: &Spec, noisy: &Case) -> anyhow::Result<f64> {
     Ok(yardstick::removable_chi2(&set, &clean, &model)?)
 }
 
-fn truth(case: &Case) -> Vec<&'static str> {
-    case.label.effects.iter().filter_map(|e| catalogue_name(e.kind)).collect()
+/// What was hidden, as far as the catalogue has it, and whether there was anything that it has not.
+struct Truth {
+    names: Vec<&'static str>,
+    outside: bool,
+}
+
+impl Truth {
+    fn of(case: &Case) -> Self {
+        let names: Vec<&'static str> = case.label.effects.iter().filter_map(|e| catalogue_name(e.kind)).collect();
+        Self { outside: names.len() < case.label.effects.len(), names }
+    }
 }
 
 fn sum_square(gaps: &[Gap], pick: fn(&Gap) -> f64) -> f64 {
@@ -192,9 +202,8 @@ fn sum_square(gaps: &[Gap], pick: fn(&Gap) -> f64) -> f64 {
 
 /// (base² − augmented²)/(base² − oracle²) over the held-out records.
 fn closed(case: &Case, set: &analysis::diagnosis::DataSet, model: &analysis::diagnosis::BaseModel, outcome: &Outcome) -> Option<f64> {
-    let names = truth(case);
-    let inside = case.label.effects.iter().all(|e| catalogue_name(e.kind).is_some());
-    if names.is_empty() || !inside {
+    let Truth { names, outside } = Truth::of(case);
+    if names.is_empty() || outside {
         return None;
     }
     let (_, best) = yardstick::oracle(set, model, &names).ok()?;
@@ -203,7 +212,7 @@ fn closed(case: &Case, set: &analysis::diagnosis::DataSet, model: &analysis::dia
     (base - left > 0.02 * base).then(|| (base - ours) / (base - left))
 }
 
-fn end(verdict: Option<Verdict>, truth: &[&str], named: &[&str], rivals: &[&str]) -> End {
+fn end(verdict: Option<Verdict>, Truth { names: truth, outside }: &Truth, named: &[&str], rivals: &[&str]) -> End {
     let among = |t: &&str| named.contains(t) || rivals.contains(t);
     let only_true = named.iter().all(|n| truth.contains(n));
     match verdict {
@@ -215,6 +224,7 @@ fn end(verdict: Option<Verdict>, truth: &[&str], named: &[&str], rivals: &[&str]
         Some(Verdict::Explained) if truth.iter().all(|t| named.contains(t)) && !truth.is_empty() => End::Extra,
         Some(Verdict::Explained) => End::Wrong,
         Some(Verdict::Ambiguous) if !truth.is_empty() && truth.iter().all(&among) => End::Twin,
+        Some(Verdict::Ambiguous) if *outside && rivals.iter().any(|r| effects::find(r).is_none()) => End::Twin,
         Some(Verdict::Ambiguous) if truth.iter().any(among) => End::Part,
         Some(Verdict::Ambiguous) => End::Misled,
     }
@@ -238,7 +248,7 @@ fn place(b: &Block) -> String {
 }
 
 fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, closed): (Option<f64>, Option<f64>)) -> Score {
-    let truth = truth(case);
+    let truth = Truth::of(case);
     let d = outcome.map(|o| &o.diagnosis);
     let named: Vec<&'static str> = d.map_or(Vec::new(), |d| d.effects.iter().map(|e| e.name).collect());
     let rivals: Vec<&'static str> = d.map_or(Vec::new(), |d| d.rivals.iter().map(|r| r.name).collect());
