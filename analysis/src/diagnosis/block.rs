@@ -11,6 +11,11 @@ use num_complex::Complex64;
 
 /// Bins of a record at most; more are merged.
 pub(super) const MOST_BINS: usize = 140;
+/// Part of the capacity by which states of charge must differ for charge to have flown between two runs: voltages at rest, which they are read from, lie higher
+/// or lower after a charge or a discharge.
+const LEAST_BETWEEN: f64 = 0.01;
+/// Charge that must flow back to be a reversal, as a part of the capacity.
+const LEAST_REVERSAL: f64 = 1e-4;
 /// Part of the largest current that a change must have to be an edge.
 const EDGE_PART: f64 = 0.03;
 
@@ -25,6 +30,8 @@ pub(super) struct Block {
     pub(super) kind: Kind,
     /// Measured rows: Ω or V.
     pub(super) measured: Vec<f64>,
+    /// Charge before it, see [`Record::before_c`].
+    pub(super) before_c: Vec<f64>,
 }
 
 /// What is predicted, and how.
@@ -154,7 +161,7 @@ impl Block {
                 (Kind::Time(Box::new(time)), measured)
             }
         };
-        Ok(Self { name: run.name.clone(), group: run.repeat_group.clone(), role: run.role, at, kind, measured })
+        Ok(Self { name: run.name.clone(), group: run.repeat_group.clone(), role: run.role, at, kind, measured, before_c: Vec::new() })
     }
 
     /// Number of rows.
@@ -175,7 +182,7 @@ impl Block {
     }
 
     /// The record of a block in time.
-    fn record<'a>(&self, (time_s, current_a): (&'a [f64], &'a [f64])) -> Record<'a> {
+    fn record<'a>(&'a self, (time_s, current_a): (&'a [f64], &'a [f64])) -> Record<'a> {
         Record {
             time_s,
             current_a,
@@ -184,6 +191,33 @@ impl Block {
             order: self.at.order,
             start_s: self.at.start_s,
             is_cell: self.at.is_cell,
+            before_c: &self.before_c,
+        }
+    }
+
+    /// Adds what its record puts into the cell and says how much that is, C: nothing for a sweep, whose swings are small.
+    fn add_charge(&self, all: &mut Stretches) -> f64 {
+        let Kind::Time(time) = &self.kind else { return 0.0 };
+        let mut sum_c = 0.0;
+        for k in 1..time.time_s.len() {
+            let amps = if time.linear { 0.5 * (time.current_a[k] + time.current_a[k - 1]) } else { time.current_a[k - 1] };
+            let charge_c = -amps * (time.time_s[k] - time.time_s[k - 1]);
+            all.add(charge_c);
+            sum_c += charge_c;
+        }
+        sum_c
+    }
+
+    /// Tells each block, in the order of time, what charge went before it. Between two runs of a cell flows what the state of charge differs by.
+    pub(super) fn tell_charge(blocks: &mut [Self], capacity_ah: f64) {
+        let (mut all, mut soc) = (Stretches::new(capacity_ah), None);
+        for block in blocks.iter_mut().filter(|b| b.at.is_cell) {
+            let between = soc.map_or(0.0, |soc: f64| block.at.soc - soc);
+            if between.abs() > LEAST_BETWEEN {
+                all.add(between * 3600.0 * capacity_ah);
+            }
+            block.before_c.clone_from(&all.all_c);
+            soc = Some(block.at.soc + block.add_charge(&mut all) / (3600.0 * capacity_ah));
         }
     }
 
@@ -206,6 +240,29 @@ impl Block {
                 self.play(time, (base, added), &time.current_a, (parts, desk));
                 time.average_into(&desk.voltage_v, rows);
             }
+        }
+    }
+}
+
+/// Charges without a reversal.
+struct Stretches {
+    all_c: Vec<f64>,
+    /// Put back since the last stretch's end, too little to be a reversal.
+    back_c: f64,
+    least_c: f64,
+}
+
+impl Stretches {
+    fn new(capacity_ah: f64) -> Self {
+        Self { all_c: vec![0.0], back_c: 0.0, least_c: LEAST_REVERSAL * 3600.0 * capacity_ah }
+    }
+
+    fn add(&mut self, charge_c: f64) {
+        self.back_c += charge_c;
+        match self.all_c.last_mut() {
+            Some(last) if *last * self.back_c >= 0.0 => *last += std::mem::take(&mut self.back_c),
+            _ if self.back_c.abs() > self.least_c => self.all_c.push(std::mem::take(&mut self.back_c)),
+            _ => {}
         }
     }
 }

@@ -64,8 +64,8 @@ pub(super) const OUTSIDE_ALONE: f64 = 30.0;
 /// Penalised gain by which the best must lead a rival to be named.
 pub(super) const NAMING_LEAD: f64 = 14.0;
 /// Penalised gain by which an effect outside the catalogue must lead a named one for the name to be withdrawn. Where the name is the truth, the other one leads by
-/// so much at most in one of forty cases, however well or badly the data tell them apart.
-pub(super) const OUTSIDE_LEAD: f64 = 4.0;
+/// so much at most in one of a hundred cases, however well or badly the data tell them apart.
+pub(super) const OUTSIDE_LEAD: f64 = 6.0;
 /// Part of the named one's gain by which it must lead where the noise is assumed: a χ² is then worth no more than the assumption.
 pub(super) const ASSUMED_LEAD: f64 = 0.05;
 /// χ² below which the freer of two forms gains nothing: the 99 % interval of its further parameter holds the limit where it is the other form.

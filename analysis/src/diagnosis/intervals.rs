@@ -5,6 +5,7 @@ use super::block::Desk;
 use super::outcome::{FittedParameter, NamedEffect};
 use super::problem::{Fit, Problem};
 use super::select::Selection;
+use super::structure::searched;
 use crate::effects::Scale;
 
 /// 97.5 % quantile of the normal distribution.
@@ -55,11 +56,11 @@ pub(super) fn named(problem: &Problem, selection: &Selection, desk: &mut Desk) -
 
 /// The fit with all shapes of a member searched; as it is where they are.
 fn with_free_shapes(problem: &Problem, fit: &Fit, member: usize, desk: &mut Desk) -> Fit {
-    let own = fit.structure.members[member].effect.parameters(&problem.base);
+    let (erm, values) = fit.decode(problem.branches());
+    let own = searched(fit.structure.members[member].effect, &problem.base, &values[member]);
     if fit.structure.members[member].parameters == own {
         return fit.clone();
     }
-    let (erm, values) = fit.decode(problem.branches());
     let mut structure = fit.structure.clone();
     structure.members.iter_mut().zip(&values).for_each(|(m, v)| m.start.clone_from(v));
     structure.members[member].parameters = own;

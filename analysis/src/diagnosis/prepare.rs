@@ -69,6 +69,7 @@ fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     let counted = |r: &Run| Block::new(&Run { order: r.order - first, ..r.clone() }, base);
     let mut blocks = set.runs.iter().map(counted).collect::<Result<Vec<Block>, DataSetError>>()?;
     blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
+    Block::tell_charge(&mut blocks, base.ocv.capacity_ah);
     Ok(blocks)
 }
 
@@ -168,7 +169,9 @@ impl Prepared {
         let stated_v = stated_noise_v(&self.problem.blocks);
         let mut planned = Problem::unweighed(base.clone(), Vec::new());
         for run in runs {
-            let block = Block::new(&run.unmeasured(between, stated_v), base)?;
+            let mut block = Block::new(&run.unmeasured(between, stated_v), base)?;
+            // What went before is the campaign; the cell is taken to the planned state of charge.
+            block.before_c = self.problem.blocks.iter().rev().find(|b| b.at.is_cell).map_or_else(Vec::new, |b| b.before_c.clone());
             let mut shape = Shape::new(&block, (base, &[]), &self.prior, desk);
             shape.share_codes(run.repeat);
             let covariance = shape.whole_covariance(&self.estimate.log_sigmas, run.repeat);

@@ -6,6 +6,7 @@ use super::block::Desk;
 use super::guards::{Guards, MOST_EFFECTS, NAMING_LEAD, OUTSIDE_ALONE, outside_lead};
 use super::outcome::{Candidate, Evidence};
 use super::problem::{Fit, Problem};
+use super::structure::searched;
 use crate::effects::{Effect, outside};
 
 /// χ² by which another minimum of a fit must be deeper to be taken for it.
@@ -231,7 +232,7 @@ impl Search<'_> {
             for (member, value) in structure.members.iter_mut().zip(&values) {
                 member.start.clone_from(value);
             }
-            let own = structure.members[k].effect.parameters(&self.problem.base);
+            let own = searched(structure.members[k].effect, &self.problem.base, &values[k]);
             if structure.members[k].parameters == own {
                 continue;
             }

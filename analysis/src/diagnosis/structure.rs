@@ -44,11 +44,7 @@ impl Member {
     pub(super) fn frozen(&self) -> Self {
         let mut held = self.clone();
         held.choice = self.start.clone();
-        for p in held.parameters.iter_mut().skip(1) {
-            if p.scale == Scale::Log {
-                p.scale = Scale::Choice;
-            }
-        }
+        held.parameters.iter_mut().skip(1).for_each(|p| p.scale = Scale::Choice);
         held
     }
 
@@ -207,9 +203,23 @@ pub(super) fn variants(effect: &'static dyn Effect, base: &Base) -> Vec<Member> 
     if parameters.is_empty() || !parameters.iter().all(room) {
         return Vec::new();
     }
-    let mut starts = vec![vec![0.0]];
+    let mut starts: Vec<Vec<f64>> = vec![vec![0.0]];
     for p in &parameters[1..] {
-        starts = starts.iter().flat_map(|s| p.starts.iter().map(move |v| s.iter().copied().chain([*v]).collect())).collect();
+        let of = |s: &Vec<f64>| if meant(p, s) { p.starts.clone() } else { vec![p.starts[0]] };
+        starts = starts.iter().flat_map(|s| of(s).into_iter().map(move |v| s.iter().copied().chain([v]).collect())).collect();
     }
-    starts.into_iter().map(|start| Member { effect, parameters: parameters.clone(), choice: start.clone(), start }).collect()
+    let member = |start: Vec<f64>| Member { effect, parameters: searched(effect, base, &start), choice: start.clone(), start };
+    starts.into_iter().map(member).collect()
+}
+
+/// Whether a parameter has a meaning beside these values.
+fn meant(p: &Parameter, values: &[f64]) -> bool {
+    p.only_with.is_none_or(|(index, value)| values[index] == value)
+}
+
+/// The parameters of an effect with these choices: what has no meaning then is not searched.
+pub(super) fn searched(effect: &'static dyn Effect, base: &Base, values: &[f64]) -> Vec<Parameter> {
+    let mut parameters = effect.parameters(base);
+    parameters.iter_mut().filter(|p| !meant(p, values)).for_each(|p| (p.scale, p.starts) = (Scale::Choice, vec![p.starts[0]]));
+    parameters
 }

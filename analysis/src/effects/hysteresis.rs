@@ -9,7 +9,7 @@ static CARD: Card = Card {
     title: "hysteresis of one state",
     group: Group::Cell,
     mechanism: "Particles fill and empty along different paths, so that the voltage at rest stays lower after a discharge than after a charge.",
-    state_equation: "dh/dt = −|γi/3600Q|·(h + sgn i), V += M·h, h = 0 at the start of a record; M in V",
+    state_equation: "dh/dt = −|γi/3600Q|·(h + sgn i), V += M·(h − h₀); h₀ at the start of a record is 0, or what all charge since the first record has made of that one's; M in V",
     impedance: "Z += M·γ/(jω·3600Q), from h = 0",
     source: "Plett, Battery Management Systems I, chapter 2: one-state hysteresis",
     signature: "depends on the charge since the last reversal, not on time; rest does not remove it",
@@ -17,6 +17,9 @@ static CARD: Card = Card {
     contains: &[],
     experiment: "minor loops: charge and discharge of growing size with rests",
 };
+
+/// Error of the state of charge at the start at most: on a flat curve a voltage tells little of it.
+const MOST_OFF: f64 = 0.02;
 
 /// See [`Effect::card`].
 #[derive(Debug)]
@@ -37,6 +40,10 @@ impl Effect for Hysteresis {
         vec![
             Parameter::strength("m_v", "V", Range { lower: 0.0, upper: 0.2 }, 2e-3),
             Parameter::shape("gamma", "", range, log_grid(3.0 / widest, 60.0 / widest, 3)),
+            // Each record from the middle, or from where all charge since the first one has led.
+            Parameter::choice("carried", 2),
+            // Wider than can be, for what lies at a bound is not named.
+            Parameter::state("first", Range { lower: -1.5, upper: 1.5 }, vec![0.9], (2, 1.0)),
         ]
     }
 
@@ -49,27 +56,40 @@ impl Effect for Hysteresis {
         z_ohm - Complex64::new(0.0, per_c / (std::f64::consts::TAU * at.freq_hz))
     }
 
-    fn dynamics(&self, p: &[f64], base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        Some(Box::new(Path { m_v: p[0], gamma_per_c: p[1] / (3600.0 * base.ocv.capacity_ah), h: 0.0 }))
+    fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
+        let gamma_per_c = p[1] / (3600.0 * base.ocv.capacity_ah);
+        let carried = || record.before_c.iter().fold(p[3].clamp(-1.0, 1.0), |h, c| after(h, gamma_per_c * c));
+        let start = if p[2] < 0.5 { 0.0 } else { carried() };
+        let slope_v = base.ocv.at(record.soc).1;
+        let soc_off = (p[0] * start / slope_v.max(1e-9)).clamp(-MOST_OFF, MOST_OFF);
+        Some(Box::new(Path { m_v: p[0], gamma_per_c, start, h: start, soc_off, slope_v }))
     }
+}
+
+/// The state after γ times a charge that was put in.
+fn after(h: f64, moved: f64) -> f64 {
+    // Where nothing flows the exponent is zero and the sign does not matter.
+    h - (-moved.abs()).exp_m1() * (moved.signum() - h)
 }
 
 struct Path {
     m_v: f64,
     /// γ over the capacity, 1/C.
     gamma_per_c: f64,
+    start: f64,
     h: f64,
+    /// What the state of charge at the start was read too high, for it was read from a voltage that held M·h₀.
+    soc_off: f64,
+    /// Slope of the open-circuit voltage there, V.
+    slope_v: f64,
 }
 
 impl Dynamics for Path {
-    fn voltage_v(&self, _at: &Instant) -> f64 {
-        self.m_v * self.h
+    fn voltage_v(&self, at: &Instant) -> f64 {
+        self.m_v * (self.h - self.start) + (self.slope_v - at.slope_v) * self.soc_off
     }
 
     fn advance(&mut self, at: &Instant, step_s: f64) {
-        let moved = self.gamma_per_c * at.current_a.abs() * step_s;
-        // At rest the exponent is zero and the sign does not matter.
-        let end = -at.current_a.signum();
-        self.h += -(-moved).exp_m1() * (end - self.h);
+        self.h = after(self.h, -self.gamma_per_c * at.current_a * step_s);
     }
 }

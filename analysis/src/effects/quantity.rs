@@ -35,24 +35,32 @@ pub struct Parameter {
     pub typical: f64,
     /// Values to start from; empty for a strength, which starts at zero.
     pub starts: Vec<f64>,
+    /// Without meaning, and not searched, but where the choice of this index has this value.
+    pub only_with: Option<(usize, f64)>,
 }
 
 impl Parameter {
     /// The strength of an effect: zero is absence.
     pub fn strength(name: &'static str, unit: &'static str, range: Range, typical: f64) -> Self {
-        Self { name, unit, range, scale: Scale::Linear, typical, starts: Vec::new() }
+        Self { name, unit, range, scale: Scale::Linear, typical, starts: Vec::new(), only_with: None }
     }
 
     /// A positive shape parameter searched by its logarithm from several starts.
     pub fn shape(name: &'static str, unit: &'static str, range: Range, starts: Vec<f64>) -> Self {
         let typical = starts.first().copied().unwrap_or(range.lower);
-        Self { name, unit, range, scale: Scale::Log, typical, starts }
+        Self { name, unit, range, scale: Scale::Log, typical, starts, only_with: None }
+    }
+
+    /// A state of either sign that is searched as it is where the choice of an index has a value.
+    pub fn state(name: &'static str, range: Range, starts: Vec<f64>, only_with: (usize, f64)) -> Self {
+        Self { name, unit: "", range, scale: Scale::Linear, typical: 1.0, starts, only_with: Some(only_with) }
     }
 
     /// A choice among whole numbers from 0 on, each tried.
     pub fn choice(name: &'static str, count: usize) -> Self {
         let starts: Vec<f64> = (0..count).map(|k| k as f64).collect();
-        Self { name, unit: "", range: Range { lower: 0.0, upper: count as f64 }, scale: Scale::Choice, typical: 1.0, starts }
+        let range = Range { lower: 0.0, upper: count as f64 };
+        Self { name, unit: "", range, scale: Scale::Choice, typical: 1.0, starts, only_with: None }
     }
 }
 

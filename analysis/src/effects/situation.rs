@@ -111,6 +111,8 @@ pub struct Record<'a> {
     pub start_s: f64,
     /// False for a control impedance in the jig.
     pub is_cell: bool,
+    /// Charge that the records before it and what went on between them put into the cell, C: one entry per stretch without a reversal, in the order of time.
+    pub before_c: &'a [f64],
 }
 
 /// One moment within a record.

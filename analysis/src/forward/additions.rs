@@ -64,7 +64,16 @@ impl Laws {
 /// The cell as it was at the end of the campaign that found the additions.
 fn now(base: &Base, soc: f64) -> Record<'static> {
     let f = &base.facts;
-    Record { time_s: &[], current_a: &[], soc, temperature_c: f.temperature_c, order: f.orders, start_s: f.span_s, is_cell: true }
+    Record {
+        time_s: &[],
+        current_a: &[],
+        soc,
+        temperature_c: f.temperature_c,
+        order: f.orders,
+        start_s: f.span_s,
+        is_cell: true,
+        before_c: &[],
+    }
 }
 
 fn is_law(base: &Base, added: &Added<'_>) -> bool {

@@ -1,7 +1,7 @@
 //! The closed loop on the simulated bench: an effect is put into the world, and the workflow, which sees files alone, is to find it.
 //!
 //! `EIS_BENCH_INVESTIGATE=all` plays every case and prints how each ended; `EIS_BENCH_INVESTIGATE=104,118` plays these seeds;
-//! `EIS_BENCH_INVESTIGATE=drawn:7:25` draws kinds and strengths from a seed; without it two are played. With `EIS_BENCH_KEEP` the run folders stay in that folder.
+//! `EIS_BENCH_INVESTIGATE=drawn:7:25` draws kinds and strengths from a seed, `drawn:7:25:716498` plays one of them; without it two are played. With `EIS_BENCH_KEEP` the run folders stay in that folder.
 
 use std::{borrow::Cow, fmt::Write as _, fs};
 
@@ -113,8 +113,12 @@ fn drawn(seed: u64, count: usize) -> Vec<Hidden> {
 
 /// What is to be played: `all`, a list of seeds, or `drawn:SEED:COUNT`.
 fn cases(which: &str) -> Vec<Hidden> {
-    if let Some((seed, count)) = which.strip_prefix("drawn:").and_then(|drawn| drawn.split_once(':')) {
-        return drawn(seed.parse().unwrap(), count.parse().unwrap());
+    if let Some(asked) = which.strip_prefix("drawn:") {
+        let mut numbers = asked.split(':').map(|number| number.parse::<u64>().unwrap());
+        let mut number = || numbers.next();
+        let all = drawn(number().unwrap(), number().unwrap() as usize);
+        let only: Vec<u64> = numbers.collect();
+        return all.into_iter().filter(|case| only.is_empty() || only.contains(&case.seed)).collect();
     }
     let wanted = |seed: u64| which == "all" || which.split(',').any(|wanted| wanted == seed.to_string());
     CASES

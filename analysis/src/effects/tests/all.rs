@@ -36,7 +36,7 @@ fn parameters_keep_the_convention() {
         assert!(lower <= 0.0 && upper > 0.0 && strength.typical > 0.0 && strength.typical < upper, "{name}: {strength:?}");
         for p in &parameters[1..] {
             assert!(!p.starts.is_empty() && p.starts.iter().all(|s| (p.range.lower..=p.range.upper).contains(s)), "{name}: {p:?}");
-            assert!(p.scale == Scale::Choice || (p.scale == Scale::Log && p.range.lower > 0.0), "{name}: {p:?}");
+            assert!(p.scale == Scale::Choice || p.only_with.is_some() || (p.scale == Scale::Log && p.range.lower > 0.0), "{name}: {p:?}");
         }
     }
 }

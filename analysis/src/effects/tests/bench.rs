@@ -50,7 +50,7 @@ fn samples() -> (Vec<f64>, Vec<f64>) {
 }
 
 fn record<'a>((time_s, current_a): (&'a [f64], &'a [f64]), is_cell: bool) -> Record<'a> {
-    Record { time_s, current_a, soc: 0.5, temperature_c: 25.0, order: 2.0, start_s: 600.0, is_cell }
+    Record { time_s, current_a, soc: 0.5, temperature_c: 25.0, order: 2.0, start_s: 600.0, is_cell, before_c: &[] }
 }
 
 fn point(freq_hz: f64, is_cell: bool) -> Point {
@@ -159,7 +159,7 @@ fn impedances_follow_their_formulas() {
     let cases: [(&str, Vec<f64>, Complex64, Complex64); 5] = [
         ("inductance", vec![2e-7], z + jw * 2e-7, z),
         ("inductance_lossy", vec![2e-7, 0.6], z + w0 * 2e-7 * (0.6 * (jw / w0).ln()).exp(), z),
-        ("time_skew", vec![-3e-6], z * (jw * 3e-6).exp(), z * (jw * 3e-6).exp()),
+        ("time_skew", vec![-3e-6, 0.0], z * (jw * 3e-6).exp(), z * (jw * 3e-6).exp()),
         ("channel_bandwidth", vec![1e-4], z / (1.0 + jw * 1e-4), z / (1.0 + jw * 1e-4)),
         ("contact_resistance", vec![4e-4], z + 4e-4, z),
     ];

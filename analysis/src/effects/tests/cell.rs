@@ -125,15 +125,20 @@ fn the_open_circuit_voltage_moves_as_stated() {
     let rest = |name: &str, p: &[f64]| change_at(name, p, &trace, 120.0);
     near(rest("ocv_slope", &[0.1]), ocv.voltage_v(start - 1.1 * moved) - ocv.voltage_v(end), 1e-9, "capacity");
     near(rest("ocv_curvature", &[2.0]), moved * moved, 1e-9, "curvature");
-    near(rest("hysteresis", &[0.02, 500.0]), -0.02, 1e-6, "hysteresis in full");
-    near(rest("hysteresis", &[0.02, 10.0]), -0.02 * -(-10.0 * moved).exp_m1(), 1e-9, "hysteresis on the way");
-    near(change_at("hysteresis", &[0.02, 10.0], &trace, 60.0), rest("hysteresis", &[0.02, 10.0]), 1e-12, "rest does not remove it");
+    near(rest("hysteresis", &[0.02, 500.0, 0.0, 0.0]), -0.02, 1e-6, "hysteresis in full");
+    near(rest("hysteresis", &[0.02, 10.0, 0.0, 0.0]), -0.02 * -(-10.0 * moved).exp_m1(), 1e-9, "hysteresis on the way");
+    near(
+        change_at("hysteresis", &[0.02, 10.0, 0.0, 0.0], &trace, 60.0),
+        rest("hysteresis", &[0.02, 10.0, 0.0, 0.0]),
+        1e-12,
+        "rest does not remove it",
+    );
     let leak_a = 0.5;
     let leaked = leak_a * 120.0 / (3600.0 * 4.5);
     near(rest("self_discharge", &[leak_a]), ocv.voltage_v(end - leaked) - ocv.voltage_v(end), 1e-9, "leak");
     let back = Trace::segments(&[(PULSE_A, 30.0), (-PULSE_A, 30.0)]);
     let half = -(-5.0 * moved).exp_m1();
-    near(change_at("hysteresis", &[0.02, 10.0], &back, 60.0), 0.02 * half * half, 1e-9, "reversal");
+    near(change_at("hysteresis", &[0.02, 10.0, 0.0, 0.0], &back, 60.0), 0.02 * half * half, 1e-9, "reversal");
 }
 
 #[test]
