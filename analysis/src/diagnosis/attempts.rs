@@ -101,13 +101,14 @@ impl Search<'_> {
     fn origin(&mut self, fit: Fit, instead: Option<&'static str>) -> Origin {
         let tangent = if self.guards.tangent_projection { fit.tangent() } else { Tangent::default() };
         let more: &[&'static dyn Effect] = if self.guards.outside { outside() } else { &[] };
+        let predicted = self.problem.prediction((&fit.structure, &fit.x), &mut self.desk);
         let mut proposals = Vec::new();
         for effect in self.candidates.iter().chain(more) {
             let name = effect.card().name;
             if instead == Some(name) || fit.structure.members.iter().any(|m| m.name() == name) {
                 continue;
             }
-            let of = propose(self.problem, &fit, &tangent, *effect, &mut self.desk);
+            let of = propose(self.problem, (&fit, &predicted, &tangent), *effect, &mut self.desk);
             if !of.is_empty() {
                 proposals.push(of);
             }

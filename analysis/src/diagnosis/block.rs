@@ -16,6 +16,11 @@ pub(super) const MOST_BINS: usize = 140;
 const LEAST_BETWEEN: f64 = 0.01;
 /// Charge that must flow back to be a reversal, as a part of the capacity.
 const LEAST_REVERSAL: f64 = 1e-4;
+/// Within which repeats have the same derivatives: state of charge, temperature in K, and parts of currents and times, these on top of so many seconds.
+const ALIKE_SOC: f64 = 5e-4;
+const ALIKE_K: f64 = 0.05;
+const ALIKE_PART: f64 = 0.01;
+const ALIKE_S: f64 = 0.01;
 /// Part of the largest current that a change must have to be an edge.
 const EDGE_PART: f64 = 0.03;
 
@@ -32,6 +37,8 @@ pub(super) struct Block {
     pub(super) measured: Vec<f64>,
     /// Charge before it, see [`Record::before_c`].
     pub(super) before_c: Vec<f64>,
+    /// The first block that this one repeats so closely that derivatives are the same.
+    pub(super) alike: Option<usize>,
 }
 
 /// What is predicted, and how.
@@ -161,7 +168,16 @@ impl Block {
                 (Kind::Time(Box::new(time)), measured)
             }
         };
-        Ok(Self { name: run.name.clone(), group: run.repeat_group.clone(), role: run.role, at, kind, measured, before_c: Vec::new() })
+        Ok(Self {
+            name: run.name.clone(),
+            group: run.repeat_group.clone(),
+            role: run.role,
+            at,
+            kind,
+            measured,
+            before_c: Vec::new(),
+            alike: None,
+        })
     }
 
     /// Number of rows.
@@ -193,6 +209,26 @@ impl Block {
             is_cell: self.at.is_cell,
             before_c: &self.before_c,
         }
+    }
+
+    /// Tells each block which one before it has the same derivatives.
+    pub(super) fn find_alike(blocks: &mut [Self]) {
+        for k in 0..blocks.len() {
+            blocks[k].alike = (0..k).find(|first| blocks[*first].alike.is_none() && blocks[*first].is_like(&blocks[k]));
+        }
+    }
+
+    /// Whether derivatives of a record are those of another one: a repeat from the same state of charge, sampled and driven alike. Spectra are quickly played.
+    fn is_like(&self, other: &Self) -> bool {
+        let (Kind::Time(a), Kind::Time(b)) = (&self.kind, &other.kind) else { return false };
+        let same = |a: f64, b: f64, within: f64| (a - b).abs() <= within;
+        let greatest_a = a.bins.iter().fold(0.0f64, |m, bin| m.max(bin.current_a.abs()));
+        let bins_alike = |(a, b): (&Bin, &Bin)| {
+            same(a.time_s, b.time_s, ALIKE_PART * (a.since_edge_s + ALIKE_S)) && same(a.current_a, b.current_a, ALIKE_PART * greatest_a)
+        };
+        let at_alike = same(self.at.soc, other.at.soc, ALIKE_SOC) && same(self.at.temperature_c, other.at.temperature_c, ALIKE_K);
+        let kind = self.group == other.group && self.role == other.role && a.linear == b.linear && a.bins.len() == b.bins.len();
+        kind && at_alike && a.bins.iter().zip(&b.bins).all(bins_alike)
     }
 
     /// Adds what its record puts into the cell and says how much that is, C: nothing for a sweep, whose swings are small.

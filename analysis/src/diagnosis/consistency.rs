@@ -59,7 +59,8 @@ pub(super) fn inconsistencies(problem: &Problem, (base, fit): (&Fit, &Fit), desk
     let gained = base.chi2 - fit.chi2;
     let train: Vec<usize> = problem.of_role(Role::Train).collect();
     let kinds = kinds(problem, &train);
-    let tangent = fit.tangent();
+    // What one value for all runs makes must be in it to the last digit.
+    let tangent = problem.exact_tangent(fit, desk);
     let mut found: Vec<Inconsistency> = Vec::new();
     let predict =
         |x: &[f64], desk: &mut Desk| -> Vec<Vec<f64>> { train.iter().map(|k| problem.predict((&fit.structure, x), *k, 1, desk)).collect() };
@@ -100,8 +101,7 @@ fn quantities(problem: &Problem, fit: &Fit) -> Vec<Quantity> {
     for (m, member) in fit.structure.members.iter().enumerate() {
         let first = fit.structure.first(m, branches);
         for k in first..first + member.free() {
-            let axis = &fit.axes[k];
-            let step = if fit.x[k] + axis.step > axis.upper { -axis.step } else { axis.step };
+            let step = fit.axes[k].inwards(fit.x[k]);
             let of = if k == first { "size" } else { "shape" };
             all.push(Quantity { name: format!("the {of} of {}", member.effect.card().title), moves: vec![(k, step)] });
         }

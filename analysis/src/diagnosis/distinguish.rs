@@ -33,7 +33,7 @@ pub fn distinguish(set: &DataSet, model: &BaseModel, effects: &[&'static dyn Eff
     let mut desk = Desk::default();
     let fit = base_fit(problem, &model.erm, &mut desk);
     let tangent = fit.tangent();
-    let predicted = problem.prediction(&fit);
+    let predicted = problem.prediction((&fit.structure, &fit.x), &mut desk);
     let mut found: Vec<Directions> = Vec::new();
     for effect in effects {
         let members = variants(*effect, &problem.base);

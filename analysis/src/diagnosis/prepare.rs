@@ -70,6 +70,7 @@ fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     let mut blocks = set.runs.iter().map(counted).collect::<Result<Vec<Block>, DataSetError>>()?;
     blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
     Block::tell_charge(&mut blocks, base.ocv.capacity_ah);
+    Block::find_alike(&mut blocks);
     Ok(blocks)
 }
 

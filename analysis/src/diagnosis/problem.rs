@@ -30,6 +30,15 @@ pub(super) struct Problem {
     pub(super) floors: Vec<Vec<f64>>,
 }
 
+/// What is predicted for the training runs.
+#[derive(Debug, Clone)]
+pub(super) struct Prediction {
+    /// Whitened rows of all of them.
+    pub(super) white: Vec<f64>,
+    /// Rows by block; empty for other blocks.
+    rows: Vec<Vec<f64>>,
+}
+
 /// A fitted structure.
 #[derive(Debug, Clone)]
 pub(super) struct Fit {
@@ -105,9 +114,21 @@ impl Problem {
         rows
     }
 
-    /// Whitened predictions of the training rows.
-    fn whitened(&self, at: (&Structure, &[f64]), desk: &mut Desk) -> Vec<f64> {
-        self.whitened_of(Role::Train, at, desk)
+    /// What is predicted for the training runs.
+    pub(super) fn prediction(&self, (structure, x): (&Structure, &[f64]), desk: &mut Desk) -> Prediction {
+        let (erm, values) = structure.decode(x, self.branches());
+        let base = self.base_with(erm);
+        let added = structure.added(&values);
+        let network = network(&base, &added);
+        let mut white = Vec::with_capacity(self.training_rows());
+        let mut rows: Vec<Vec<f64>> = vec![Vec::new(); self.blocks.len()];
+        for k in self.of_role(Role::Train) {
+            rows[k].reserve(self.blocks[k].rows());
+            self.blocks[k].predict((&base, &added, &network), structure.parts, desk, &mut rows[k]);
+            self.whiteners[k].apply(&rows[k], &mut white);
+        }
+        self.shared.apply(&mut white);
+        Prediction { white, rows }
     }
 
     /// Whitened predictions of the rows of a role.
@@ -152,18 +173,12 @@ impl Problem {
         let left = self.target_of(Role::HeldOut).iter().zip(&predicted).map(|(t, p)| t - p).collect();
         let column = |k: usize| {
             let mut x = fit.x.clone();
-            let axis = &fit.axes[k];
-            let step = if x[k] + axis.step > axis.upper { -axis.step } else { axis.step };
+            let step = fit.axes[k].inwards(x[k]);
             x[k] += step;
             let moved = self.whitened_of(Role::HeldOut, (&fit.structure, &x), desk);
             moved.iter().zip(&predicted).map(|(m, p)| (m - p) / step).collect()
         };
         (left, (0..fit.x.len()).map(column).collect())
-    }
-
-    /// Whitened prediction of the training rows of a fit.
-    pub(super) fn prediction(&self, fit: &Fit) -> Vec<f64> {
-        self.target().iter().zip(&fit.residuals).map(|(t, r)| t - r).collect()
     }
 
     /// Whitened χ² of one block at a vector.
@@ -175,28 +190,69 @@ impl Problem {
         dot(&w, &w)
     }
 
-    /// The change of the whitened prediction when coordinates change by `moves`.
+    /// The change of the whitened prediction when a coordinate changes by a step. A run that repeats another one changes as that one does, unless the
+    /// coordinate is one of an effect that tells repeats apart.
     pub(super) fn change(
         &self,
         structure: &Structure,
-        (x, predicted): (&[f64], &[f64]),
-        moves: &[(usize, f64)],
+        at: (&[f64], &Prediction),
+        (moved, step): (usize, f64),
         desk: &mut Desk,
     ) -> Vec<f64> {
-        let mut moved = x.to_vec();
-        moves.iter().for_each(|(k, d)| moved[*k] += d);
-        let mut rows = self.whitened((structure, &moved), desk);
-        rows.iter_mut().zip(predicted).for_each(|(r, p)| *r -= p);
-        rows
+        let each = structure.tells_repeats_apart(moved, self.branches());
+        self.changes(structure, at, (moved, step), (each, desk))
+    }
+
+    /// The same, of each run by itself or by the one that it repeats.
+    fn changes(
+        &self,
+        structure: &Structure,
+        (x, predicted): (&[f64], &Prediction),
+        (moved, step): (usize, f64),
+        (each, desk): (bool, &mut Desk),
+    ) -> Vec<f64> {
+        let mut x = x.to_vec();
+        x[moved] += step;
+        let (erm, values) = structure.decode(&x, self.branches());
+        let base = self.base_with(erm);
+        let added = structure.added(&values);
+        let network = network(&base, &added);
+        let mut white = Vec::with_capacity(self.training_rows());
+        let mut changes: Vec<Vec<f64>> = vec![Vec::new(); self.blocks.len()];
+        for k in self.of_role(Role::Train) {
+            let of = self.blocks[k].alike.filter(|_| !each).unwrap_or(k);
+            if of == k {
+                self.blocks[k].predict((&base, &added, &network), structure.parts, desk, &mut changes[k]);
+                changes[k].iter_mut().zip(&predicted.rows[k]).for_each(|(c, p)| *c -= p);
+            }
+            self.whiteners[k].apply(&changes[of], &mut white);
+        }
+        self.shared.apply(&mut white);
+        white
+    }
+
+    /// What a fit can imitate in each run by itself, repeats not taken for each other.
+    pub(super) fn exact_tangent(&self, fit: &Fit, desk: &mut Desk) -> Tangent {
+        let predicted = self.prediction((&fit.structure, &fit.x), desk);
+        let mut tangent = Tangent::default();
+        for (k, axis) in fit.axes.iter().enumerate() {
+            tangent.add(self.changes(&fit.structure, (&fit.x, &predicted), (k, axis.inwards(fit.x[k])), (true, desk)));
+        }
+        tangent
     }
 
     /// Derivatives of the whitened prediction of the training rows.
-    pub(super) fn columns(&self, structure: &Structure, (x, axes): (&[f64], &[Axis]), predicted: &[f64], desk: &mut Desk) -> Vec<Vec<f64>> {
+    pub(super) fn columns(
+        &self,
+        structure: &Structure,
+        (x, axes): (&[f64], &[Axis]),
+        predicted: &Prediction,
+        desk: &mut Desk,
+    ) -> Vec<Vec<f64>> {
         (0..x.len())
             .map(|k| {
-                // One-sided steps go inwards.
-                let step = if x[k] + axes[k].step > axes[k].upper { -axes[k].step } else { axes[k].step };
-                let mut column = self.change(structure, (x, predicted), &[(k, step)], desk);
+                let step = axes[k].inwards(x[k]);
+                let mut column = self.change(structure, (x, predicted), (k, step), desk);
                 column.iter_mut().for_each(|c| *c /= step);
                 column
             })
@@ -223,8 +279,8 @@ impl Problem {
 
     /// A structure at a vector, as it is.
     pub(super) fn at(&self, structure: &Structure, x: Vec<f64>, axes: Vec<Axis>, desk: &mut Desk) -> Fit {
-        let predicted = self.whitened((structure, &x), desk);
-        let residuals: Vec<f64> = self.target().iter().zip(&predicted).map(|(t, p)| t - p).collect();
+        let predicted = self.prediction((structure, &x), desk);
+        let residuals: Vec<f64> = self.target().iter().zip(&predicted.white).map(|(t, p)| t - p).collect();
         let columns = self.columns(structure, (&x, &axes), &predicted, desk);
         Fit { structure: structure.clone(), x, axes, chi2: dot(&residuals, &residuals), residuals, columns, promise: f64::INFINITY }
     }
@@ -232,8 +288,8 @@ impl Problem {
     /// Fits a structure from a vector.
     pub(super) fn fit_from(&self, structure: &Structure, mut x: Vec<f64>, axes: Vec<Axis>, desk: &mut Desk) -> Fit {
         let target = self.target();
-        let difference = |p: &[f64]| target.iter().zip(p).map(|(t, p)| t - p).collect::<Vec<f64>>();
-        let mut predicted = self.whitened((structure, &x), desk);
+        let difference = |p: &Prediction| target.iter().zip(&p.white).map(|(t, p)| t - p).collect::<Vec<f64>>();
+        let mut predicted = self.prediction((structure, &x), desk);
         let mut residuals = difference(&predicted);
         let mut chi2 = dot(&residuals, &residuals);
         let mut columns = self.columns(structure, (&x, &axes), &predicted, desk);
@@ -244,7 +300,7 @@ impl Problem {
                 break;
             }
             let trial: Vec<f64> = x.iter().zip(&step).zip(&axes).map(|((x, s), a)| (x + s).clamp(a.lower, a.upper)).collect();
-            let moved = self.whitened((structure, &trial), desk);
+            let moved = self.prediction((structure, &trial), desk);
             let left = difference(&moved);
             let value = dot(&left, &left);
             if value < chi2 {

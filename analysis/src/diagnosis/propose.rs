@@ -4,7 +4,7 @@
 //! (r·d⊥)²/(d⊥·d⊥), reached at (r·d⊥)/(d⊥·d⊥). Shapes and choices are tried on a grid.
 
 use super::block::Desk;
-use super::problem::{Fit, Problem, Tangent};
+use super::problem::{Fit, Prediction, Problem, Tangent};
 use super::structure::{Member, Structure, variants};
 use super::whitening::dot;
 use crate::effects::Effect;
@@ -21,17 +21,21 @@ pub(super) struct Proposal {
     pub(super) lagrange: f64,
 }
 
-/// All variants of an effect, best first; empty where the effect does not apply.
-pub(super) fn propose(problem: &Problem, fit: &Fit, tangent: &Tangent, effect: &'static dyn Effect, desk: &mut Desk) -> Vec<Proposal> {
+/// All variants of an effect on top of a fit with its prediction, best first; empty where the effect does not apply.
+pub(super) fn propose(
+    problem: &Problem,
+    (fit, predicted, tangent): (&Fit, &Prediction, &Tangent),
+    effect: &'static dyn Effect,
+    desk: &mut Desk,
+) -> Vec<Proposal> {
     let mut proposals: Vec<Proposal> = Vec::new();
-    let predicted = problem.prediction(fit);
     // Bounds come from the base fit before any effect was added, so that they do not move with what is added.
     for mut member in variants(effect, &problem.base) {
         let structure = fit.structure.with(member.clone());
         let (range, typical) = (member.parameters[0].range, member.parameters[0].typical);
         let mut best = 0.0;
         for step in STEPS {
-            let Some(mut outside) = direction(problem, (fit, &predicted), (&structure, step), desk) else { continue };
+            let Some(mut outside) = direction(problem, (fit, predicted), (&structure, step), desk) else { continue };
             tangent.project(&mut outside);
             let (along, size) = (dot(&fit.residuals, &outside), dot(&outside, &outside));
             let wanted = if size > 1e-20 { along / size * typical } else { 0.0 };
@@ -52,7 +56,7 @@ pub(super) fn propose(problem: &Problem, fit: &Fit, tangent: &Tangent, effect: &
 /// [`Problem::prediction`] of the fit.
 pub(super) fn direction(
     problem: &Problem,
-    (fit, predicted): (&Fit, &[f64]),
+    (fit, predicted): (&Fit, &Prediction),
     (structure, step): (&Structure, f64),
     desk: &mut Desk,
 ) -> Option<Vec<f64>> {
@@ -63,7 +67,7 @@ pub(super) fn direction(
     let first = structure.first(last, problem.branches());
     x[first] = 0.0;
     let step = if axes[first].upper > 0.0 { step.min(0.5 * axes[first].upper) } else { (-step).max(0.5 * axes[first].lower) };
-    let mut change = problem.change(structure, (&x, predicted), &[(first, step)], desk);
+    let mut change = problem.change(structure, (&x, predicted), (first, step), desk);
     change.iter_mut().for_each(|c| *c /= step);
     change.iter().all(|c| c.is_finite()).then_some(change)
 }

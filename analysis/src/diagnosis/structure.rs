@@ -104,6 +104,11 @@ impl Axis {
     fn strength(lower: f64, upper: f64) -> Self {
         Self { lower, upper, step: 1e-3, longest: LONGEST_PART * (upper - lower) }
     }
+
+    /// Step of finite differences from a value, to the side where there is room.
+    pub(super) fn inwards(&self, x: f64) -> f64 {
+        if x + self.step > self.upper { -self.step } else { self.step }
+    }
 }
 
 impl Structure {
@@ -171,6 +176,12 @@ impl Structure {
     /// Index in the vector of the first parameter of a member.
     pub(super) fn first(&self, member: usize, branches: usize) -> usize {
         1 + 2 * branches + self.members[..member].iter().map(Member::free).sum::<usize>()
+    }
+
+    /// Whether a coordinate is one of an effect that tells repeats apart.
+    pub(super) fn tells_repeats_apart(&self, coordinate: usize, branches: usize) -> bool {
+        let owner = (0..self.members.len()).rev().find(|m| self.first(*m, branches) <= coordinate);
+        owner.is_some_and(|m| self.members[m].effect.tells_repeats_apart(&self.members[m].choice))
     }
 
     /// The effects with their values.

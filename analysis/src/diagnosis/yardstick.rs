@@ -32,7 +32,8 @@ pub fn oracle(set: &DataSet, model: &BaseModel, names: &[&str]) -> Result<(f64, 
     let mut fit = base.clone();
     for name in names {
         let effect = find(name).ok_or_else(|| DataSetError::Set { name: set.name.clone(), expected: "effects of the catalogue" })?;
-        let proposals = propose(problem, &fit, &fit.tangent(), effect, &mut desk);
+        let proposals =
+            propose(problem, (&fit, &problem.prediction((&fit.structure, &fit.x), &mut desk), &fit.tangent()), effect, &mut desk);
         let mut best: Option<super::problem::Fit> = None;
         for proposal in proposals.iter().take(4) {
             let found = problem.fit_added(&fit, &proposal.member, &mut desk);

@@ -33,6 +33,10 @@ impl Effect for Ageing {
         vec![Parameter::strength("d", "", Range { lower: -0.3, upper: 1.0 }, 0.01)]
     }
 
+    fn tells_repeats_apart(&self, _p: &[f64]) -> bool {
+        true
+    }
+
     fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
         if !at.is_cell {
             return z_ohm;

@@ -47,6 +47,10 @@ impl Effect for Hysteresis {
         ]
     }
 
+    fn tells_repeats_apart(&self, p: &[f64]) -> bool {
+        p[2] > 0.5
+    }
+
     /// From h = 0 the response to a small swing is of first order, the same in both directions.
     fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
         if !at.is_cell {
@@ -59,7 +63,7 @@ impl Effect for Hysteresis {
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
         let gamma_per_c = p[1] / (3600.0 * base.ocv.capacity_ah);
         let carried = || record.before_c.iter().fold(p[3].clamp(-1.0, 1.0), |h, c| after(h, gamma_per_c * c));
-        let start = if p[2] < 0.5 { 0.0 } else { carried() };
+        let start = if p[2] > 0.5 { carried() } else { 0.0 };
         let slope_v = base.ocv.at(record.soc).1;
         let soc_off = (p[0] * start / slope_v.max(1e-9)).clamp(-MOST_OFF, MOST_OFF);
         Some(Box::new(Path { m_v: p[0], gamma_per_c, start, h: start, soc_off, slope_v }))

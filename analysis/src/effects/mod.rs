@@ -100,6 +100,11 @@ pub trait Effect: Sync {
     /// Its parameters with bounds derived from the base fit, the strength first; none where it does not apply to this base or data.
     fn parameters(&self, base: &Base) -> Vec<Parameter>;
 
+    /// Whether it is another in each of several runs that repeat each other: it goes by their order, their start or the charge before them.
+    fn tells_repeats_apart(&self, _p: &[f64]) -> bool {
+        false
+    }
+
     /// Changes the linear network: acts on impedance and on time alike.
     fn network(&self, _p: &[f64], _base: &Base, _network: &mut Network) {}
 

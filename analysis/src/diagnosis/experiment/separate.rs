@@ -3,7 +3,6 @@
 //! On the training runs the refit is linear around its fit, so that only planned runs are played; on those it is Gauss–Newton.
 
 use crate::diagnosis::block::Desk;
-use crate::diagnosis::data::Role;
 use crate::diagnosis::problem::{Fit, Problem, step};
 use crate::diagnosis::whitening::dot;
 
@@ -24,9 +23,9 @@ impl View {
     }
 
     fn at(fit: &Fit, x: &[f64], planned: &Problem, desk: &mut Desk) -> Self {
-        let predicted = planned.whitened_of(Role::Train, (&fit.structure, x), desk);
+        let predicted = planned.prediction((&fit.structure, x), desk);
         let columns = planned.columns(&fit.structure, (x, &fit.axes), &predicted, desk);
-        Self { predicted, columns }
+        Self { predicted: predicted.white, columns }
     }
 }
 

@@ -45,7 +45,8 @@ fn prepared(set: &DataSet) -> Prepared {
 /// The base with one effect, fitted.
 fn fitted(p: &Prepared, name: &str, desk: &mut Desk) -> Fit {
     let base = p.problem.fit(&Structure::default(), &model().erm, desk);
-    let proposal = propose(&p.problem, &base, &base.tangent(), find(name).unwrap(), desk).remove(0);
+    let predicted = p.problem.prediction((&base.structure, &base.x), desk);
+    let proposal = propose(&p.problem, (&base, &predicted, &base.tangent()), find(name).unwrap(), desk).remove(0);
     p.problem.fit(&base.structure.with(proposal.member), &model().erm, desk)
 }
 
