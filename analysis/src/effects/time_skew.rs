@@ -14,7 +14,7 @@ static CARD: Card = Card {
     source: "delay theorem of the Fourier transform",
     signature: "phase proportional to the frequency at the top of the band, on every impedance alike",
     confounders: &["inductance", "channel_bandwidth"],
-    contains: &["inductance"],
+    contains: &[],
     experiment: "sweeps of shunts of two values: the imaginary part scales with the resistance",
 };
 

@@ -45,6 +45,9 @@ pub struct StudyArgs {
     /// The recommended runs are played for one in so many trials that end ambiguous, 0 for none; they cost more than all else.
     #[arg(long, default_value_t = 1)]
     pub follow_up_every: usize,
+    /// Recommended runs that are played one after the other at most.
+    #[arg(long, default_value_t = 3)]
+    pub follow_ups: usize,
     /// Only this effect among the single ones, by its name in labels.
     #[arg(long)]
     pub only: Option<String>,
@@ -95,7 +98,8 @@ pub fn study(args: &StudyArgs) -> Result<(), Failure> {
                 Some((kind, lambda)) => Spec::single(spec.seed, *kind, strength_for(spec.seed, *kind, *lambda)?),
                 None => spec.clone(),
             };
-            play(*stratum, &spec, args.follow_up_every != 0 && index.is_multiple_of(args.follow_up_every))
+            let asked = args.follow_up_every != 0 && index.is_multiple_of(args.follow_up_every);
+            play(*stratum, &spec, if asked { args.follow_ups } else { 0 })
         })
         .collect::<anyhow::Result<_>>()
         .map_err(|e| Failure::Analysis(format!("{e:#}")))?;

@@ -13,17 +13,14 @@ pub fn options() -> DiagnosisOptions {
     DiagnosisOptions { limits: Some(LIMITS), ..DiagnosisOptions::default() }
 }
 
-/// Recommended experiments that are played at most.
-pub const MOST: usize = 3;
-
-/// The diagnoses after each recommended experiment, until one is neither ambiguous nor unexplained, nothing is recommended, or [`MOST`] were played.
+/// The diagnoses after each recommended experiment, until one is neither ambiguous nor unexplained, nothing is recommended, or `most` were played.
 ///
 /// # Errors
 /// A set that cannot be used.
-pub fn settle(spec: &Spec, set: &DataSet, model: &BaseModel, outcome: &Outcome) -> anyhow::Result<Vec<Outcome>> {
+pub fn settle(spec: &Spec, (set, most): (&DataSet, usize), model: &BaseModel, outcome: &Outcome) -> anyhow::Result<Vec<Outcome>> {
     let mut more = set.clone();
     let mut after: Vec<Outcome> = Vec::new();
-    while after.len() < MOST {
+    while after.len() < most {
         let last = after.last().unwrap_or(outcome);
         if !matches!(last.diagnosis.verdict, Verdict::Ambiguous | Verdict::Unexplained) || last.next_runs.is_empty() {
             break;

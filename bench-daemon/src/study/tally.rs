@@ -2,10 +2,7 @@
 
 use std::{collections::BTreeMap, fmt::Write as _};
 
-use super::{
-    settle::MOST,
-    trial::{End, Recommended, Score},
-};
+use super::trial::{End, Recommended, Score};
 use analysis::diagnosis::Verdict;
 
 /// Limits of the classes of λ.
@@ -84,7 +81,7 @@ fn settled(scores: &[Score]) -> String {
         return format!("\nambiguous cases: {}; the recommended runs were not played\n", ambiguous.len());
     }
     let mut out = format!("\nambiguous cases: {}; settled by\n", ambiguous.len());
-    for most in 1..=MOST {
+    for most in 1..=ambiguous.iter().map(|s| s.recommended.len()).max().unwrap_or(0) {
         let ends: Vec<End> = ambiguous.iter().filter_map(|s| s.recommended.iter().take(most).next_back()).map(|r| r.settled).collect();
         let right = ends.iter().filter(|e| **e == End::Right).count();
         let _ =

@@ -127,11 +127,11 @@ pub fn stratum_name(stratum: Stratum) -> &'static str {
     }
 }
 
-/// Plays one specification; if asked to, with the runs that an ambiguous end recommends.
+/// Plays one specification, with so many at most of the experiments that an ambiguous end recommends.
 ///
 /// # Errors
 /// A data set that cannot be used although nothing was damaged, or a model that cannot be fitted.
-pub fn play(stratum: Stratum, spec: &Spec, follow_up: bool) -> anyhow::Result<Score> {
+pub fn play(stratum: Stratum, spec: &Spec, follow_ups: usize) -> anyhow::Result<Score> {
     let case = Case::new(spec);
     let set = convert::data_set(&case);
     let (outcome, model) =
@@ -146,8 +146,8 @@ pub fn play(stratum: Stratum, spec: &Spec, follow_up: bool) -> anyhow::Result<Sc
     let lambda = if spec.corruption.is_none() && !spec.hidden.is_empty() { strength(spec, &case).ok() } else { None };
     let closed = closed(&case, &set, &model, &outcome);
     let mut asked = Vec::new();
-    if follow_up && outcome.diagnosis.verdict == Verdict::Ambiguous {
-        let after = settle(spec, &set, &model, &outcome)?;
+    if outcome.diagnosis.verdict == Verdict::Ambiguous {
+        let after = settle(spec, (&set, follow_ups), &model, &outcome)?;
         let before = std::iter::once(&outcome).chain(&after);
         asked.extend(before.zip(&after).filter_map(|(before, after)| recommended(&Truth::of(&case), before, after)));
     }

@@ -4,7 +4,7 @@ use bench_daemon::study::trial::{End, Score, play, strength_for};
 use fixtures::hidden::{EffectKind, Spec, Stratum};
 
 fn drawn(stratum: Stratum, seeds: std::ops::Range<u64>) -> Vec<Score> {
-    seeds.map(|seed| play(stratum, &stratum.draw(seed), true).unwrap()).collect()
+    seeds.map(|seed| play(stratum, &stratum.draw(seed), 3).unwrap()).collect()
 }
 
 #[test]
@@ -28,7 +28,7 @@ fn one_effect_is_named_alone_or_among_what_these_data_cannot_tell_apart() {
     ];
     for kind in kinds {
         let strength = strength_for(811, kind, 500.0).unwrap();
-        let score = play(Stratum::Single, &Spec::single(811, kind, strength), true).unwrap();
+        let score = play(Stratum::Single, &Spec::single(811, kind, strength), 3).unwrap();
         assert!(score.lambda.is_some_and(|l| (300.0..800.0).contains(&l)), "{score:?}");
         assert!(matches!(score.end, End::Right | End::Twin), "{score:?}");
         // Where there was a gap to close on held-out runs, it is closed as by someone who knew.

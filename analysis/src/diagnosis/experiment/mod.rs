@@ -20,7 +20,7 @@ use menu::{Campaign, MenuItem, menu, sentinel_repeat};
 use open::{Open, absences};
 
 /// How many times as often as the menu says a run may be measured, where less does not settle what is open.
-const MOST_TIMES: usize = 16;
+const MOST_TIMES: usize = 8;
 /// What more repeats or a second run must bring to be worth their time, as a factor of how far everything is settled.
 const WORTH: f64 = 1.1;
 /// Items whose λ is found by more than one step.
