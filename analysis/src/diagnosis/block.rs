@@ -23,6 +23,8 @@ const ALIKE_PART: f64 = 0.01;
 const ALIKE_S: f64 = 0.01;
 /// Part of the largest current that a change must have to be an edge.
 const EDGE_PART: f64 = 0.03;
+/// The same in standard deviations of what noise and codes make of a current that stays: repeats whose noise had edges would have rows that differ.
+const EDGE_SIGMAS: f64 = 5.0;
 
 /// One run as the fit sees it.
 #[derive(Debug, Clone)]
@@ -110,8 +112,8 @@ pub enum DataSetError {
 }
 
 impl Block {
-    /// Makes a run ready. The base's OCV turns a start voltage into a state of charge.
-    pub(super) fn new(run: &Run, base: &Base) -> Result<Self, DataSetError> {
+    /// Makes a run ready. The base's OCV turns a start voltage into a state of charge; the current of two samples differs by `jitter_a` (one σ) where it stays.
+    pub(super) fn new(run: &Run, base: &Base, jitter_a: f64) -> Result<Self, DataSetError> {
         let fail = |expected, met: String| DataSetError::Run { run: run.name.clone(), expected, met };
         let soc = match run.start {
             Start::Soc(soc) if (0.0..=1.0).contains(&soc) => soc,
@@ -160,7 +162,7 @@ impl Block {
                 if !is_cell {
                     return Err(fail("a record in time of a cell", "one of a control".to_owned()));
                 }
-                let time = TimeBlock::new(record);
+                let time = TimeBlock::new(record, jitter_a);
                 if time.bins.is_empty() {
                     return Err(fail("samples that are compared", format!("none from {} s on", record.compared_from_s)));
                 }
@@ -313,12 +315,12 @@ pub(super) struct Desk {
 }
 
 impl TimeBlock {
-    pub(super) fn new(record: &super::data::TimeRecord) -> Self {
+    pub(super) fn new(record: &super::data::TimeRecord, jitter_a: f64) -> Self {
         let s = &record.series;
         let start_s = s.time_s[0];
         let time_s: Vec<f64> = s.time_s.iter().map(|t| t - start_s).collect();
         let linear = record.between == crate::augmented::Between::Linear;
-        let edges = edges(&s.current_a);
+        let edges = edges(&s.current_a, jitter_a);
         let mut bins = bins(&time_s, &s.current_a, &edges);
         if let Some(sigma_v) = &record.sigma_v {
             let count = |b: &Bin| (b.to - b.from) as f64;
@@ -359,9 +361,10 @@ impl TimeBlock {
 }
 
 /// First samples after a change of the current that is no noise; the first sample of all among them.
-fn edges(current_a: &[f64]) -> Vec<usize> {
+fn edges(current_a: &[f64], jitter_a: f64) -> Vec<usize> {
     let greatest = current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));
-    let changes = (1..current_a.len()).filter(|k| (current_a[*k] - current_a[k - 1]).abs() > EDGE_PART * greatest);
+    let least = (EDGE_PART * greatest).max(EDGE_SIGMAS * jitter_a);
+    let changes = (1..current_a.len()).filter(|k| (current_a[*k] - current_a[k - 1]).abs() > least);
     std::iter::once(0).chain(changes).collect()
 }
 
@@ -511,7 +514,7 @@ mod tests {
                 start: Start::Soc(0.5),
                 data,
             };
-            let (block, mut desk) = (Block::new(&run, &base).unwrap(), Desk::default());
+            let (block, mut desk) = (Block::new(&run, &base, 0.0).unwrap(), Desk::default());
             let Kind::Time(time) = &block.kind else { unreachable!() };
             block.play(time, (&base, &[]), &time.current_a, (1, &mut desk));
             assert_eq!(network(&base, &[]).branches.len(), 1);

@@ -149,3 +149,10 @@ pub struct BenchHistory {
     #[serde(default)]
     pub channel_gain_rel: f64,
 }
+
+impl BenchHistory {
+    /// Standard deviation of the difference of two samples of a current that stays, A.
+    pub(super) fn current_jitter_a(&self) -> f64 {
+        2f64.sqrt() * self.current_noise_a.hypot(self.current_resolution_a / 12f64.sqrt())
+    }
+}

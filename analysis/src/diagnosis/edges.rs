@@ -56,7 +56,7 @@ mod tests {
         let series = TimeSeries { name: "s".to_owned(), voltage_v: vec![3.7; 40], current_a, time_s, temperature_c: None };
         let record =
             TimeRecord { series, between: Between::Linear, compared_from_s: 0.5, level_sigma_v: 0.0, sigma_v: None, averaged_s: None };
-        let time = TimeBlock::new(&record);
+        let time = TimeBlock::new(&record, 0.0);
         let facts = Facts {
             lowest_hz: None,
             highest_hz: None,

@@ -66,7 +66,8 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
 /// The blocks in the order of time, counted from the first: where a campaign's numbers begin says nothing of the cell.
 fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     let first = set.runs.iter().map(|r| r.order).min().unwrap_or(0);
-    let counted = |r: &Run| Block::new(&Run { order: r.order - first, ..r.clone() }, base);
+    let jitter_a = set.history.map_or(0.0, |h| h.current_jitter_a());
+    let counted = |r: &Run| Block::new(&Run { order: r.order - first, ..r.clone() }, base, jitter_a);
     let mut blocks = set.runs.iter().map(counted).collect::<Result<Vec<Block>, DataSetError>>()?;
     blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
     Block::tell_charge(&mut blocks, base.ocv.capacity_ah);
@@ -170,7 +171,7 @@ impl Prepared {
         let stated_v = stated_noise_v(&self.problem.blocks);
         let mut planned = Problem::unweighed(base.clone(), Vec::new());
         for run in runs {
-            let mut block = Block::new(&run.unmeasured(between, stated_v), base)?;
+            let mut block = Block::new(&run.unmeasured(between, stated_v), base, 0.0)?;
             // What went before is the campaign; the cell is taken to the planned state of charge.
             block.before_c = self.problem.blocks.iter().rev().find(|b| b.at.is_cell).map_or_else(Vec::new, |b| b.before_c.clone());
             let mut shape = Shape::new(&block, (base, &[]), &self.prior, desk);

@@ -13,7 +13,7 @@ fn scatter(run: &Run, effects: &[(&str, &[f64])]) -> Vec<f64> {
     let model = model();
     let base = Base { erm: model.erm, ocv: model.ocv, facts: Facts { temperature_c: 25.0, ..Facts::NONE } };
     let added: Vec<Added<'_>> = effects.iter().map(|(name, p)| Added { effect: find(name).unwrap(), p }).collect();
-    let block = Block::new(run, &base).unwrap();
+    let block = Block::new(run, &base, 0.0).unwrap();
     Shape::new(&block, (&base, &added), &Prior::new((Some(HISTORY), None), &base), &mut Desk::default()).trend(1.0)
 }
 
