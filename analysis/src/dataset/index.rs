@@ -57,6 +57,9 @@ pub struct SweepEntry {
     /// What the correction leaves in all spectra of the cell alike; none where nothing was corrected, or for a control.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub common_error: Option<CommonError>,
+    /// Resistance between the lower tap of what was swept and the ground of the channels, Ω: the voltage of that tap's channel over the current.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub below_ohm: Option<f64>,
 }
 
 /// A point that is kept under protest.

@@ -132,6 +132,7 @@ impl Block {
             order: f64::from(run.order),
             start_s: run.start_s,
             is_cell,
+            below_ohm: if let RunData::Eis(sweep) = &run.data { sweep.below_ohm } else { 0.0 },
         };
         let (kind, measured) = match &run.data {
             RunData::Eis(sweep) => {
@@ -211,6 +212,13 @@ impl Block {
             is_cell: self.at.is_cell,
             before_c: &self.before_c,
         }
+    }
+
+    /// Lets a planned sweep of the cell lie as far above the ground of the channels as the sweeps that were measured.
+    pub(super) fn lies_as(&mut self, measured: &[Self]) {
+        let swept = |b: &&Self| b.at.is_cell && matches!(b.kind, Kind::Eis { .. });
+        let (Kind::Eis { points, .. }, Some(first), true) = (&mut self.kind, measured.iter().find(swept), self.at.is_cell) else { return };
+        points.iter_mut().for_each(|p| p.below_ohm = first.at.below_ohm);
     }
 
     /// Tells each block which one before it has the same derivatives.

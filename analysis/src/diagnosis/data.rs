@@ -78,6 +78,8 @@ pub enum RunData {
 pub struct Sweep {
     /// Direct current under the sweep, A, discharge positive.
     pub bias_a: f64,
+    /// Resistance between the lower tap of what was swept and the ground of the channels, Ω; 0 where it is not stated.
+    pub below_ohm: f64,
     /// Its points, by rising frequency.
     pub points: Vec<SweepPoint>,
 }

@@ -1,9 +1,10 @@
 //! The verdict: what a search has found, and whether what is left is noise.
 
 use super::consistency::Inconsistency;
-use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, LEAST_BLOCK_P};
-use super::outcome::{Diagnosis, Verdict};
+use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, LEAST_BLOCK_P, beyond_formula};
+use super::outcome::{Block, Diagnosis, Verdict};
 use super::select::Selection;
+use crate::effects::find;
 
 /// What speaks against taking what is left for noise, beside its χ² and its blocks.
 pub(super) struct Doubts {
@@ -18,7 +19,8 @@ pub(super) struct Doubts {
 /// Verdict, summary and notes.
 pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
     let Doubts { moved, held_out_z, differs } = doubts;
-    let quiet = d.where_after.iter().all(|b| b.p_value > LEAST_BLOCK_P);
+    let gained = d.quality.base_chi2 - d.quality.augmented_chi2;
+    let quiet = d.where_after.iter().all(|left| left.p_value > LEAST_BLOCK_P || within_formula(gained, left));
     let differs = differs.first().filter(|d| d.p_value <= LEAST_BLOCK_P);
     let fits = d.quality.augmented_z < GOOD_FIT_Z && held_out_z < GOOD_FIT_Z && quiet && differs.is_none();
     let names: Vec<&str> = d.effects.iter().map(|e| e.title).collect();
@@ -27,6 +29,13 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
             "fewer than three repeats of any spectrum or any record: the noise is assumed, so that no noise floor can be claimed"
                 .to_owned(),
         );
+    }
+    for taken in &selection.taken {
+        for container in taken.limit_of.iter().filter_map(|name| find(name)) {
+            let (title, named) = (container.card().title, find(taken.name).map_or(taken.name, |e| e.card().title));
+            d.notes
+                .push(format!("{title} is not excluded: it becomes {named} at a limit of its shape, from which these runs do not tell it"));
+        }
     }
     if held_out_z >= GOOD_FIT_Z {
         d.notes.push(format!("held-out runs are missed by {held_out_z:.1} standard deviations of their χ²"));
@@ -70,6 +79,12 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
         (false, true) => (Verdict::Unexplained, "Something is missing that no effect of the catalogue explains.".to_owned()),
     };
     hint(d, selection);
+}
+
+/// Whether what is left in a block is no more than what was named, which has gained so much, may differ from nature.
+fn within_formula(gained: f64, left: &Block) -> bool {
+    let excess = (left.chi2 - left.expected_chi2).max(left.mean_z * left.mean_z);
+    beyond_formula(excess, gained) <= 0.0
 }
 
 /// What would help but may not be named.

@@ -174,6 +174,7 @@ impl Prepared {
             let mut block = Block::new(&run.unmeasured(between, stated_v), base, 0.0)?;
             // What went before is the campaign; the cell is taken to the planned state of charge.
             block.before_c = self.problem.blocks.iter().rev().find(|b| b.at.is_cell).map_or_else(Vec::new, |b| b.before_c.clone());
+            block.lies_as(&self.problem.blocks);
             let mut shape = Shape::new(&block, (base, &[]), &self.prior, desk);
             shape.share_codes(run.repeat);
             let covariance = shape.whole_covariance(&self.estimate.log_sigmas, run.repeat);

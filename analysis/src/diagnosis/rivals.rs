@@ -21,6 +21,9 @@ impl Search<'_> {
             let (attempts, _) = self.attempts(&without, Some(name));
             for other in attempts {
                 if !rivals((name, lambda, own), &other, naming_lead(self.measured, lambda)) || names.contains(&other.name) {
+                    if contains(&other, name) && other.lambda > lambda - SUFFICES {
+                        selection.taken[k].limit_of.push(other.name);
+                    }
                     continue;
                 }
                 let index = other.fit.structure.members.len() - 1;
@@ -44,11 +47,16 @@ impl Search<'_> {
     }
 }
 
+/// Whether another effect becomes a named one at a limit of its shape.
+fn contains(other: &Attempt, name: &str) -> bool {
+    find(other.name).is_some_and(|e| e.card().contains.contains(&name))
+}
+
 /// Whether another effect is a rival of a named one of this λ and score. What contains the named effect as a limit fits as well by necessity: where the
 /// interval of its shape holds the limit, only its forms away from there count.
 fn rivals((name, lambda, own): (&str, f64, f64), other: &Attempt, lead: f64) -> bool {
     let near = |score: f64| score - own >= -lead;
-    if !find(other.name).is_some_and(|e| e.card().contains.contains(&name)) {
+    if !contains(other, name) {
         return near(other.score);
     }
     let suffices = other.lambda - lambda < SUFFICES;

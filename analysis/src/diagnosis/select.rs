@@ -21,6 +21,8 @@ pub(super) struct Taken {
     pub(super) name: &'static str,
     pub(super) evidence: Evidence,
     pub(super) rivals: Vec<RivalFit>,
+    /// Effects that become this one at a limit, which these data do not tell them from.
+    pub(super) limit_of: Vec<&'static str>,
 }
 
 /// What would do as well in the place of an effect that was taken.
@@ -125,7 +127,7 @@ impl Search<'_> {
             }
             selection.refused = None;
             selection.fit = attempt.fit;
-            selection.taken.push(Taken { name: attempt.name, evidence, rivals: Vec::new() });
+            selection.taken.push(Taken { name: attempt.name, evidence, rivals: Vec::new(), limit_of: Vec::new() });
         }
         self.gate_again(&mut selection);
         self.find_rivals(&mut selection);

@@ -92,6 +92,8 @@ pub struct Point {
     pub start_s: f64,
     /// False for a control impedance in the jig: only the bench acts then.
     pub is_cell: bool,
+    /// Resistance between the lower tap of what was swept and the ground of the channels, Ω; 0 where a channel sees the difference of both taps.
+    pub below_ohm: f64,
 }
 
 /// One record in time and the circumstances of its run.

@@ -45,6 +45,7 @@ pub(super) struct Run {
     pub(super) from_hz: Option<f64>,
     pub(super) to_hz: Option<f64>,
     pub(super) bias_a: Option<f64>,
+    pub(super) below_ohm: Option<f64>,
     pub(super) amplitude_a: Option<f64>,
     pub(super) spectrum: Option<String>,
 }

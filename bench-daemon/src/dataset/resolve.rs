@@ -202,6 +202,7 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<RunData, String>, Confi
     let bias_a = stated_a.or(chosen.origin.bias_a).unwrap_or(0.0);
     // −0 and 0 are one bias.
     let mut sweep = files::sweep(&chosen.spectrum, 0.0 - bias_a, amplitude_a);
+    sweep.below_ohm = at.finite("below_ohm", entry.below_ohm)?.unwrap_or(0.0);
     let from_hz = at.positive("from_hz", entry.from_hz)?.unwrap_or(0.0);
     let to_hz = at.positive("to_hz", entry.to_hz)?.unwrap_or(f64::INFINITY);
     sweep.points.retain(|p| (from_hz..=to_hz).contains(&p.freq_hz));
@@ -300,6 +301,7 @@ impl At<'_> {
                 "time",
                 vec![
                     ("bias_a", entry.bias_a.is_some()),
+                    ("below_ohm", entry.below_ohm.is_some()),
                     ("from_hz", entry.from_hz.is_some()),
                     ("to_hz", entry.to_hz.is_some()),
                     ("amplitude_a", entry.amplitude_a.is_some()),

@@ -96,6 +96,8 @@ struct SweepEntry {
     own_sigma_ohm: Vec<[f64; 2]>,
     #[serde(default)]
     common_error: Option<CommonError>,
+    #[serde(default)]
+    below_ohm: Option<f64>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -160,6 +162,9 @@ impl Reader<'_> {
         };
         let Some(mut data) = self.spectrum(&entry.file, &name)? else { return Ok(()) };
         self.loaded.set.calibration = self.loaded.set.calibration.or(entry.common_error);
+        if let RunData::Eis(sweep) = &mut data {
+            sweep.below_ohm = entry.below_ohm.unwrap_or(0.0);
+        }
         if let RunData::Eis(sweep) = &mut data
             && self.loaded.set.calibration.is_some()
             && sweep.points.len() == entry.own_sigma_ohm.len()

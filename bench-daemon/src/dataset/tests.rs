@@ -184,7 +184,7 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
         start: Start::Ocv(3.7),
         data,
     };
-    let sweep = Sweep { bias_a: 2.0, points: vec![point(0.1, None, None), point(0.2, None, Some(1.0))] };
+    let sweep = Sweep { bias_a: 2.0, below_ohm: 0.04, points: vec![point(0.1, None, None), point(0.2, None, Some(1.0))] };
     let history = BenchHistory {
         voltage_noise_v: 5e-4,
         voltage_resolution_v: 1.22e-3,

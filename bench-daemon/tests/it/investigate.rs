@@ -5,7 +5,10 @@
 
 use std::{borrow::Cow, fmt::Write as _, fs};
 
-use analysis::diagnosis::Verdict;
+use analysis::{
+    diagnosis::{Diagnosis, Verdict},
+    effects,
+};
 use bench_daemon::{
     config::load_experiment,
     investigation::{Budget, End, Investigation, Means, investigate},
@@ -133,6 +136,8 @@ fn cases(which: &str) -> Vec<Hidden> {
 enum Score {
     /// The floor where nothing is hidden, else the one name.
     Right,
+    /// The limit that the hidden effect becomes where these runs do not reach further, and that said.
+    Limit,
     /// Several names, or one that is not certain.
     Ambiguous,
     /// Something is missing, and it has no name.
@@ -178,11 +183,18 @@ fn score(case: &Hidden, investigation: &Investigation) -> Score {
     match diagnosis.verdict {
         Verdict::AtNoiseFloor if case.names.is_empty() => Score::Right,
         Verdict::Explained if named.len() == 1 && case.names.contains(&named[0]) => Score::Right,
+        Verdict::Explained if named.len() == 1 && case.names.iter().any(|hidden| limit(hidden, named[0], diagnosis)) => Score::Limit,
         Verdict::AtNoiseFloor => Score::Missed,
         Verdict::Explained => Score::Wrong,
         Verdict::Ambiguous => Score::Ambiguous,
         Verdict::Unexplained | Verdict::Invalid => Score::Unexplained,
     }
+}
+
+/// Whether a name is a declared limit of what is hidden, and a note says that the latter is not excluded.
+fn limit(hidden: &str, named: &str, diagnosis: &Diagnosis) -> bool {
+    let card = effects::find(hidden).unwrap().card();
+    card.contains.contains(&named) && diagnosis.notes.iter().any(|note| note.starts_with(&format!("{} is not excluded", card.title)))
 }
 
 /// One line of the table.
@@ -209,7 +221,7 @@ fn nothing_hidden_ends_at_the_floor_and_what_is_hidden_is_found() {
         })
         .collect();
     let count = |wanted: Score| played.iter().filter(|(_, score, _)| *score == wanted).count();
-    let scores = [Score::Right, Score::Ambiguous, Score::Unexplained, Score::Missed, Score::Wrong];
+    let scores = [Score::Right, Score::Limit, Score::Ambiguous, Score::Unexplained, Score::Missed, Score::Wrong];
     eprintln!("{}", scores.map(|score| format!("{score:?} {}", count(score))).join(", "));
     assert_eq!(count(Score::Wrong), 0);
     for (case, score, investigation) in played.iter().filter(|(case, ..)| [101, 103].contains(&case.seed)) {

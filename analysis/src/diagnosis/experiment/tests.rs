@@ -56,7 +56,7 @@ fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> (Fit, Selectio
     let base = p.problem.fit(&Structure::default(), &model().erm, &mut desk);
     let rival = |name: &&'static str| RivalFit { name, score_gap: 0.0, discriminability: 0.0, fit: fitted(p, name, &mut Desk::default()) };
     let evidence = Evidence { lambda, score: lambda, share_of_excess: 1.0, held_out_change: 0.0, integration_error: 0.0 };
-    let taken = Taken { name: names[0], evidence, rivals: names[1..].iter().map(rival).collect() };
+    let taken = Taken { name: names[0], evidence, rivals: names[1..].iter().map(rival).collect(), limit_of: Vec::new() };
     let selection = Selection { fit: fitted(p, names[0], &mut desk), taken: vec![taken], ..Selection::nothing(&base) };
     (base, selection)
 }

@@ -2,5 +2,6 @@
 
 mod bench;
 mod guards;
+mod repeats;
 mod scatter;
 mod workflow;

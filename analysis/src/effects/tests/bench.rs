@@ -54,7 +54,17 @@ fn record<'a>((time_s, current_a): (&'a [f64], &'a [f64]), is_cell: bool) -> Rec
 }
 
 fn point(freq_hz: f64, is_cell: bool) -> Point {
-    Point { freq_hz, amplitude_a: Some(1.0), bias_a: 0.0, soc: 0.5, temperature_c: 25.0, order: 0.0, start_s: 0.0, is_cell }
+    Point {
+        freq_hz,
+        amplitude_a: Some(1.0),
+        bias_a: 0.0,
+        soc: 0.5,
+        temperature_c: 25.0,
+        order: 0.0,
+        start_s: 0.0,
+        is_cell,
+        below_ohm: 0.08,
+    }
 }
 
 fn play(added: &[Added<'_>], is_cell: bool) -> Vec<f64> {
@@ -156,10 +166,14 @@ fn impedances_follow_their_formulas() {
     let f = 200.0;
     let (z, jw) = (Complex64::new(9e-3, -1e-3), Complex64::new(0.0, TAU * f));
     let w0 = TAU * 1000.0;
-    let cases: [(&str, Vec<f64>, Complex64, Complex64); 5] = [
+    let late = |z: Complex64, below: f64| (z + below) * (jw * 3e-6).exp() - below;
+    let cases: [(&str, Vec<f64>, Complex64, Complex64); 7] = [
         ("inductance", vec![2e-7], z + jw * 2e-7, z),
         ("inductance_lossy", vec![2e-7, 0.6], z + w0 * 2e-7 * (0.6 * (jw / w0).ln()).exp(), z),
         ("time_skew", vec![-3e-6, 0.0], z * (jw * 3e-6).exp(), z * (jw * 3e-6).exp()),
+        // One channel of two, and what lies below the cell: on a control alike.
+        ("time_skew", vec![-3e-6, 1.0], late(z, 0.08), late(z, 0.08)),
+        ("time_skew", vec![-3e-6, 2.0], z + late(Complex64::ZERO, 0.0) - late(Complex64::ZERO, 0.08), z - late(Complex64::ZERO, 0.08)),
         ("channel_bandwidth", vec![1e-4], z / (1.0 + jw * 1e-4), z / (1.0 + jw * 1e-4)),
         ("contact_resistance", vec![4e-4], z + 4e-4, z),
     ];

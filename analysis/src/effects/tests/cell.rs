@@ -218,3 +218,32 @@ fn the_cell_warms_and_cools_by_its_balance() {
     let met = play(&[Added { effect, p: &p }], &record, Between::Hold, 1)[k] - play(&[], &record, Between::Hold, 1)[k];
     near(met, du_dt * rise_k, 2e-3 * du_dt * rise_k, &format!("{rise_k} K under {heat} W"));
 }
+
+/// The state at the start is what the charge since the first record has made of that one's, and the state of charge there, read from a voltage that held it, is
+/// put right.
+#[test]
+fn a_hysteresis_is_carried_from_record_to_record() {
+    let (m_v, gamma, first) = (0.02, 10.0, 0.6);
+    let (capacity_c, soc) = (3600.0 * 4.5, 0.5);
+    let before_c = [800.0, -300.0];
+    // Up by 800 C towards 1, down by 300 C towards −1, and the record's own charge, all out.
+    let towards = |h: f64, end: f64, charge_c: f64| end + (h - end) * (-gamma * charge_c / capacity_c).exp();
+    let start = towards(towards(first, 1.0, 800.0), -1.0, 300.0);
+    let moved_c = PULSE_A * 60.0;
+    let end = towards(start, -1.0, moved_c);
+    let (trace, ocv) = (long(), base().ocv);
+    let record = Record { before_c: &before_c, ..trace.record(soc, 0.0) };
+    let p = [m_v, gamma, 1.0, first];
+    let added = [Added { effect: super::super::find("hysteresis").unwrap(), p: &p }];
+    let (with, without) = (play(&added, &record, Between::Hold, 1), play(&[], &record, Between::Hold, 1));
+    let off = m_v * start / ocv.slope_v(soc);
+    let expected = m_v * (end - start) + (ocv.slope_v(soc) - ocv.slope_v(soc - moved_c / capacity_c)) * off;
+    let last = with.len() - 1;
+    near(with[last] - without[last], expected, 1e-9, "carried");
+    assert!((with[0] - without[0]).abs() < 1e-12 && expected.abs() > 1e-3 && off.abs() > 1e-4, "{expected} {off}");
+    // Each record from the middle: the charge before it says nothing.
+    let p = [m_v, gamma, 0.0, first];
+    let added = [Added { effect: super::super::find("hysteresis").unwrap(), p: &p }];
+    let by_itself = play(&added, &record, Between::Hold, 1);
+    near(by_itself[last] - without[last], m_v * towards(0.0, -1.0, moved_c), 1e-9, "by itself");
+}

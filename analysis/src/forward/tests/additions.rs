@@ -229,7 +229,16 @@ fn a_current_profile_agrees_with_the_player() {
     let profile = rows(Demand::Current, Interpolation::Hold, &[(0.0, 60.0), (10.0, -35.0), (18.0, 0.0), (30.0, 0.0)]);
     let options = SimOptions { max_step_s: 0.1, ..SimOptions::default() };
     let run = simulate(&model, &model.rest(0.6).unwrap(), &profile, &options).unwrap();
-    let record = Record { time_s: &time_s, current_a: &current_a, soc: 0.6, temperature_c: 25.0, order: 0.0, start_s: 0.0, is_cell: true };
+    let record = Record {
+        time_s: &time_s,
+        current_a: &current_a,
+        soc: 0.6,
+        temperature_c: 25.0,
+        order: 0.0,
+        start_s: 0.0,
+        is_cell: true,
+        before_c: &[],
+    };
     let (mut voltage_v, added): (Vec<f64>, Vec<Added<'_>>) = (Vec::new(), cell.of_the_cell());
     let grid = Grid::new(&time_s, Between::Hold);
     Player::default().play((&cell.base, &added), &record, (&grid, 16), &mut voltage_v);

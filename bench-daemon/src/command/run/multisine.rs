@@ -69,6 +69,7 @@ pub(super) async fn measure(
         flagged: run.flagged.clone(),
         own_sigma_ohm: if corrected { sweeping::own_sigma_ohm(&run.own_noise) } else { Vec::new() },
         common_error: if corrected { measured.correction.common_error(&phasors, &sweeping::shunt_phasors(measured)) } else { None },
+        below_ohm: sweeping::below_ohm(&phasors, experiment.bench.wiring.shunt.r_ohm),
         ..entry(executor, (stage, repeat), (start_s, measured))
     };
     executor.recorder.sweep(entry)?;
@@ -128,6 +129,7 @@ fn entry(executor: &Executor<'_>, (stage, repeat): (&Stage, usize), (start_time_
         flagged: Vec::new(),
         own_sigma_ohm: Vec::new(),
         common_error: None,
+        below_ohm: None,
     }
 }
 

@@ -162,6 +162,7 @@ impl<'a> Sweeping<'a> {
             flagged: Vec::new(),
             own_sigma_ohm: if corrected { own_sigma_ohm(&settled.own_noise) } else { Vec::new() },
             common_error: if cell && corrected { self.correction.common_error(&phasors, &self.shunt) } else { None },
+            below_ohm: below_ohm(&phasors, experiment.bench.wiring.shunt.r_ohm),
         }
     }
 }
@@ -169,6 +170,17 @@ impl<'a> Sweeping<'a> {
 /// What the channels showed of the shunt in the check of the fixture.
 pub(super) fn shunt_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
     measured.sweeps.get(fixture_name(Fixture::Shunt)).into_iter().flatten().map(|point| point.phasors).collect()
+}
+
+/// Resistance between the lower tap and the ground of the channels, Ω: the median over the points, which no inductance is a part of; none without any.
+pub(super) fn below_ohm(phasors: &[ChannelPhasors], shunt_ohm: f64) -> Option<f64> {
+    let of = |point: &ChannelPhasors| {
+        let [low, high, tap, _] = point.volts;
+        (tap * shunt_ohm / (high - low)).re
+    };
+    let mut all: Vec<f64> = phasors.iter().map(of).filter(|ohm| ohm.is_finite()).collect();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len() / 2).copied()
 }
 
 /// Standard deviations of both parts of each point.
