@@ -116,12 +116,22 @@ impl Search<'_> {
         Origin { fit, proposals }
     }
 
-    /// The best fit of one candidate: from its most promising starts with the shapes held there, and from the best one with the shapes free. What the
-    /// shapes gain must be worth their number.
+    /// The best fit of one candidate. A choice that gives a further parameter its meaning makes another law of it, which is fitted by itself.
     fn attempt(&mut self, fit: &Fit, name: &str, origins: &[Origin]) -> Option<Attempt> {
+        let mut laws: Vec<usize> = origins[0].of(name)?.iter().map(|p| p.member.free()).collect();
+        laws.sort_unstable();
+        laws.dedup();
+        let attempts: Vec<Attempt> = laws.into_iter().filter_map(|free| self.attempt_law(fit, (name, free), origins)).collect();
+        attempts.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))
+    }
+
+    /// The best fit of a candidate's law with so many free parameters: from its most promising starts with the shapes held there, and from the best one with the
+    /// shapes free. What the shapes gain must be worth their number.
+    fn attempt_law(&mut self, fit: &Fit, (name, free): (&str, usize), origins: &[Origin]) -> Option<Attempt> {
         let mut best: Option<(Attempt, &Member)> = None;
         for (n, origin) in origins.iter().enumerate() {
-            for p in origin.of(name)?.iter().filter(|p| p.lagrange > 0.0).take(if n == 0 { HELD_STARTS } else { 1 }) {
+            let of_law = origin.of(name)?.iter().filter(|p| p.lagrange > 0.0 && p.member.free() == free);
+            for p in of_law.take(if n == 0 { HELD_STARTS } else { 1 }) {
                 let held = self.try_member(fit, (&origin.fit, &p.member.frozen()));
                 if best.as_ref().is_none_or(|(b, _)| held.score > b.score) {
                     best = Some((held, &p.member));

@@ -137,9 +137,11 @@ fn noise_of_the_current_walks_in_the_counted_charge() {
         let walked_s2: f64 = until.windows(2).map(|w| (w[1] - w[0]).powi(2)).sum();
         let end_soc = p.problem.blocks[block].at.soc - 2700.0 / (3600.0 * base.ocv.capacity_ah);
         let walk_v = current_noise_a * walked_s2.sqrt() * base.ocv.slope_v(end_soc) / (3600.0 * base.ocv.capacity_ah);
-        (*p.problem.floors[block].last().unwrap(), walk_v)
+        // What the same noise drops across the resistance at once.
+        let fresh_v = current_noise_a * base.erm.r_ohm / ((last.to - last.from) as f64).sqrt();
+        (*p.problem.floors[block].last().unwrap(), walk_v, fresh_v)
     };
-    let ((quiet_v, _), (noisy_v, walk_v)) = (noisy(0.0), noisy(0.2));
-    let met_v = (noisy_v * noisy_v - quiet_v * quiet_v).sqrt();
+    let ((quiet_v, ..), (noisy_v, walk_v, fresh_v)) = (noisy(0.0), noisy(0.2));
+    let met_v = (noisy_v * noisy_v - quiet_v * quiet_v - fresh_v * fresh_v).sqrt();
     assert!(walk_v > 3e-4 && (met_v / walk_v - 1.0).abs() < 0.05, "{met_v} V against {walk_v} V");
 }

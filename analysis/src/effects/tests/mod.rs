@@ -108,7 +108,7 @@ fn point(freq_hz: f64) -> Point {
         order: 0.0,
         start_s: 0.0,
         is_cell: true,
-        below_ohm: 0.0,
+        below_ohm: 0.02,
     }
 }
 
