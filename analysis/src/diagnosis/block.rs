@@ -139,14 +139,22 @@ impl Block {
                 if sweep.points.is_empty() {
                     return Err(fail("at least one frequency", "none".to_owned()));
                 }
-                let point =
-                    |p: &super::data::SweepPoint| Point { freq_hz: p.freq_hz, amplitude_a: p.amplitude_a, bias_a: sweep.bias_a, ..at };
+                if !sweep.elapsed_s.is_empty() && sweep.elapsed_s.len() != sweep.points.len() {
+                    return Err(fail("a time for each point", format!("{} for {} points", sweep.elapsed_s.len(), sweep.points.len())));
+                }
+                let point = |(k, p): (usize, &super::data::SweepPoint)| Point {
+                    freq_hz: p.freq_hz,
+                    amplitude_a: p.amplitude_a,
+                    bias_a: sweep.bias_a,
+                    start_s: at.start_s + sweep.elapsed_s.get(k).copied().unwrap_or(0.0),
+                    ..at
+                };
                 let control_ohm = match run.fixture {
                     Fixture::Cell(_) => None,
                     Fixture::Shunt(ohm) | Fixture::FakeCell(ohm) => Some(ohm),
                 };
                 let kind = Kind::Eis {
-                    points: sweep.points.iter().map(point).collect(),
+                    points: sweep.points.iter().enumerate().map(point).collect(),
                     sigma_ohm: sweep.points.iter().map(|p| p.sigma_ohm).collect(),
                     control_ohm,
                 };

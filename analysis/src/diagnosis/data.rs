@@ -80,6 +80,8 @@ pub struct Sweep {
     pub bias_a: f64,
     /// Resistance between the lower tap of what was swept and the ground of the channels, Ω; 0 where it is not stated.
     pub below_ohm: f64,
+    /// Time of each point since the start of the run, s; empty where it is not told.
+    pub elapsed_s: Vec<f64>,
     /// Its points, by rising frequency.
     pub points: Vec<SweepPoint>,
 }

@@ -8,7 +8,8 @@ static CARD: Card = Card {
     title: "ageing between runs",
     group: Group::Cell,
     mechanism: "Films grow and contacts work loose from run to run, so that all resistances rise over the campaign.",
-    state_equation: "R = R_ref·(1 + d·n) for all resistances; n is the order of the run over the span of all orders, 0…1; capacitances stay",
+    state_equation: "R = R_ref·(1 + d·n) for all resistances; n is the order of the run over the span of all orders, 0…1, or the time since the first run over \
+                     the span of all starts; capacitances stay",
     impedance: "the base's with its resistances multiplied by 1 + d·n",
     source: "first term of the Taylor series in the number of runs",
     signature: "a trend of the misfit with the order of runs, in none with frequency or time",
@@ -30,7 +31,9 @@ impl Effect for Ageing {
         if base.facts.orders <= 0.0 {
             return Vec::new();
         }
-        vec![Parameter::strength("d", "", Range { lower: -0.3, upper: 1.0 }, 0.01)]
+        // By the order of runs, or by time, within a run too.
+        let ways = if base.facts.span_s > 0.0 { 2 } else { 1 };
+        vec![Parameter::strength("d", "", Range { lower: -0.3, upper: 1.0 }, 0.01), Parameter::choice("by_time", ways)]
     }
 
     fn tells_repeats_apart(&self, _p: &[f64]) -> bool {
@@ -41,24 +44,36 @@ impl Effect for Ageing {
         if !at.is_cell {
             return z_ohm;
         }
-        z_ohm + modulation(p[0], base, at.order).change_ohm(&base.erm, at.freq_hz)
+        Aged::new(p, base, (at.order, at.start_s)).modulation(0.0).change_ohm(&base.erm, at.freq_hz) + z_ohm
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        Some(Box::new(Aged { modulation: modulation(p[0], base, record.order) }))
+        Some(Box::new(Aged::new(p, base, (record.order, record.start_s))))
     }
 }
 
-fn modulation(d: f64, base: &Base, order: f64) -> Modulation {
-    Modulation::all(1.0 + d * if base.facts.orders > 0.0 { order / base.facts.orders } else { 0.0 })
+/// Growth at the start of a run, and per second.
+struct Aged {
+    start: f64,
+    per_s: f64,
 }
 
-struct Aged {
-    modulation: Modulation,
+impl Aged {
+    fn new(p: &[f64], base: &Base, (order, start_s): (f64, f64)) -> Self {
+        let (orders, span_s) = (base.facts.orders, base.facts.span_s);
+        if p[1] > 0.5 && span_s > 0.0 {
+            return Self { start: p[0] * start_s / span_s, per_s: p[0] / span_s };
+        }
+        Self { start: if orders > 0.0 { p[0] * order / orders } else { 0.0 }, per_s: 0.0 }
+    }
+
+    fn modulation(&self, time_s: f64) -> Modulation {
+        Modulation::all(1.0 + self.start + self.per_s * time_s)
+    }
 }
 
 impl Dynamics for Aged {
-    fn modulation(&self, _at: &Instant) -> Modulation {
-        self.modulation
+    fn modulation(&self, at: &Instant) -> Modulation {
+        Self::modulation(self, at.time_s)
     }
 }

@@ -203,8 +203,16 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<RunData, String>, Confi
     // −0 and 0 are one bias.
     let mut sweep = files::sweep(&chosen.spectrum, 0.0 - bias_a, amplitude_a);
     sweep.below_ohm = at.finite("below_ohm", entry.below_ohm)?.unwrap_or(0.0);
+    sweep.elapsed_s = entry.elapsed_s.clone().unwrap_or_default();
+    if !sweep.elapsed_s.is_empty() && sweep.elapsed_s.len() != sweep.points.len() {
+        let (met, points) = (sweep.elapsed_s.len(), sweep.points.len());
+        return Err(at.complain("elapsed_s", format!("expected a time for each of {points} points, found {met}")));
+    }
     let from_hz = at.positive("from_hz", entry.from_hz)?.unwrap_or(0.0);
     let to_hz = at.positive("to_hz", entry.to_hz)?.unwrap_or(f64::INFINITY);
+    let within: Vec<bool> = sweep.points.iter().map(|p| (from_hz..=to_hz).contains(&p.freq_hz)).collect();
+    let mut kept = within.iter();
+    sweep.elapsed_s.retain(|_| *kept.next().unwrap_or(&true));
     sweep.points.retain(|p| (from_hz..=to_hz).contains(&p.freq_hz));
     if sweep.points.is_empty() {
         return Err(at.complain("from_hz", "expected frequencies of the sweep from `from_hz` to `to_hz`, found none"));
@@ -302,6 +310,7 @@ impl At<'_> {
                 vec![
                     ("bias_a", entry.bias_a.is_some()),
                     ("below_ohm", entry.below_ohm.is_some()),
+                    ("elapsed_s", entry.elapsed_s.is_some()),
                     ("from_hz", entry.from_hz.is_some()),
                     ("to_hz", entry.to_hz.is_some()),
                     ("amplitude_a", entry.amplitude_a.is_some()),

@@ -98,6 +98,8 @@ struct SweepEntry {
     common_error: Option<CommonError>,
     #[serde(default)]
     below_ohm: Option<f64>,
+    #[serde(default)]
+    elapsed_s: Vec<f64>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -164,6 +166,9 @@ impl Reader<'_> {
         self.loaded.set.calibration = self.loaded.set.calibration.or(entry.common_error);
         if let RunData::Eis(sweep) = &mut data {
             sweep.below_ohm = entry.below_ohm.unwrap_or(0.0);
+            if sweep.points.len() == entry.elapsed_s.len() {
+                sweep.elapsed_s.clone_from(&entry.elapsed_s);
+            }
         }
         if let RunData::Eis(sweep) = &mut data
             && self.loaded.set.calibration.is_some()

@@ -70,7 +70,10 @@ fn entry(run: &Run, file: &str) -> String {
             ("time", fields)
         }
         // −0 and 0 are one bias.
-        RunData::Eis(sweep) => ("eis", vec![("bias_a", json!(0.0 - sweep.bias_a)), ("below_ohm", json!(sweep.below_ohm))]),
+        RunData::Eis(sweep) => (
+            "eis",
+            vec![("bias_a", json!(0.0 - sweep.bias_a)), ("below_ohm", json!(sweep.below_ohm)), ("elapsed_s", json!(sweep.elapsed_s))],
+        ),
     };
     let fields = [
         ("name", json!(run.name)),

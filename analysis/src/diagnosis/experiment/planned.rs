@@ -124,7 +124,7 @@ impl PlannedRun {
             }
             Planned::Eis { freq_hz, amplitude_a } => {
                 let point = |f: &f64| SweepPoint { freq_hz: *f, z_ohm: Complex64::ZERO, sigma_ohm: None, amplitude_a: Some(*amplitude_a) };
-                RunData::Eis(Sweep { bias_a: 0.0, below_ohm: 0.0, points: freq_hz.iter().map(point).collect() })
+                RunData::Eis(Sweep { bias_a: 0.0, below_ohm: 0.0, elapsed_s: Vec::new(), points: freq_hz.iter().map(point).collect() })
             }
         };
         Run {

@@ -152,7 +152,7 @@ pub(super) fn sweep(hidden: &Hidden, chance: &mut Chance) -> Sweep {
             SweepPoint { freq_hz, z_ohm: z, sigma_ohm: None, amplitude_a: Some(1.0) }
         })
         .collect();
-    Sweep { bias_a: 0.0, below_ohm: 0.0, points }
+    Sweep { bias_a: 0.0, below_ohm: 0.0, elapsed_s: Vec::new(), points }
 }
 
 /// Three repeats of sweeps, pulses and a long discharge to train on, two blocks held out. `held_out` may hide something else.

@@ -172,10 +172,16 @@ fn resistances_are_multiplied_where_they_should_be() {
     let effect = super::super::find("ageing").unwrap();
     let late = trace.record(0.5, facts.orders);
     let k = trace.time_s.iter().rposition(|t| *t <= 60.0 - 1e-9).unwrap();
-    let aged = play(&[Added { effect, p: &[0.2] }], &late, Between::Hold, 1)[k] - play(&[], &late, Between::Hold, 1)[k];
+    let aged = play(&[Added { effect, p: &[0.2, 0.0] }], &late, Between::Hold, 1)[k] - play(&[], &late, Between::Hold, 1)[k];
     near(aged, -0.2 * PULSE_A * erm.dc_resistance_ohm(), 1e-9, "at the campaign's end");
     let slow = |name: &str, p: &[f64], at: Point| seen(name, p, &Point { freq_hz: 1e-6, ..at }).re / erm.dc_resistance_ohm() - 1.0;
-    near(slow("ageing", &[0.2], Point { order: 10.0, ..point(1.0) }), 0.1, 1e-6, "a sweep in the middle of the campaign");
+    near(slow("ageing", &[0.2, 0.0], Point { order: 10.0, ..point(1.0) }), 0.1, 1e-6, "a sweep in the middle of the campaign");
+    near(slow("ageing", &[0.2, 1.0], Point { start_s: 5000.0, ..point(1.0) }), 0.05, 1e-6, "a point a quarter of the time later");
+    let by_time = Record { start_s: 5000.0, ..trace.record(0.5, 0.0) };
+    let aged = play(&[Added { effect, p: &[0.2, 1.0] }], &by_time, Between::Hold, 1)[k] - play(&[], &by_time, Between::Hold, 1)[k];
+    let expected = -0.2 * 5000.0 / facts.span_s * PULSE_A * erm.dc_resistance_ohm();
+    near(aged, expected, 0.02 * expected.abs(), "and on within a record");
+    assert!((aged / expected - 1.0).abs() > 1e-3, "60 s more are more");
     near(slow("soc_resistance", &[0.4], Point { soc: 0.8, ..point(1.0) }), 0.12, 1e-6, "a sweep at another state of charge");
     for (bias_a, part) in [(-2.0, 1.0), (-1.0, 1.0), (0.0, 0.5), (1.0, 0.0), (2.0, 0.0)] {
         let at = Point { bias_a, amplitude_a: Some(1.0), ..point(1.0) };

@@ -130,6 +130,8 @@ fn entry(executor: &Executor<'_>, (stage, repeat): (&Stage, usize), (start_time_
         own_sigma_ohm: Vec::new(),
         common_error: None,
         below_ohm: None,
+        // All its lines are measured at once.
+        elapsed_s: Vec::new(),
     }
 }
 

@@ -163,6 +163,7 @@ impl<'a> Sweeping<'a> {
             own_sigma_ohm: if corrected { own_sigma_ohm(&settled.own_noise) } else { Vec::new() },
             common_error: if cell && corrected { self.correction.common_error(&phasors, &self.shunt) } else { None },
             below_ohm: below_ohm(&phasors, experiment.bench.wiring.shunt.r_ohm),
+            elapsed_s: settled.points.iter().map(|point| point.time_s - start_time_s).collect(),
         }
     }
 }

@@ -177,7 +177,7 @@ fn sweep(control_ohm: Option<f64>, hidden: &Hidden, order: f64, chance: &mut Cha
         let noise = Complex64::new(chance.normal(), chance.normal());
         SweepPoint { freq_hz, z_ohm: clean + 1e-3 * clean.norm() * noise, sigma_ohm: None, amplitude_a: Some(1.0) }
     });
-    Sweep { bias_a: 0.0, below_ohm: 0.0, points: points.collect() }
+    Sweep { bias_a: 0.0, below_ohm: 0.0, elapsed_s: Vec::new(), points: points.collect() }
 }
 
 pub(super) const SHUNT_OHM: f64 = 9.96e-3;
