@@ -93,3 +93,26 @@ fn hint(d: &mut Diagnosis, selection: &Selection) {
         d.notes.push(format!("hint only, not named: {name} would gain {score:.0} but {reason}"));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 3 % of an effect of λ = 10⁶ are worth 900 of χ², or 30 standard deviations of a mean.
+    #[test]
+    fn a_block_may_keep_what_a_formula_differs_by() {
+        let block = |chi2: f64, mean_z: f64| Block {
+            dimension: "sign",
+            part: "charge".to_owned(),
+            count: 100,
+            chi2,
+            expected_chi2: 100.0,
+            mean_z,
+            p_value: 1e-9,
+            rms: 1.0,
+        };
+        assert!(within_formula(1e6, &block(800.0, 20.0)) && !within_formula(1e6, &block(1100.0, 20.0)));
+        assert!(!within_formula(1e6, &block(800.0, -35.0)) && !within_formula(1e4, &block(800.0, 1.0)));
+        assert!(!within_formula(0.0, &block(180.0, 1.0)), "where nothing was named");
+    }
+}

@@ -204,3 +204,25 @@ pub(super) fn flags(points: &[SweepPoint], tell: &mut dyn FnMut(f64, &str)) -> V
     }
     flagged
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use analysis::spectrum::PhasorVariance;
+    use num_complex::Complex64;
+
+    /// 2 A through a shunt of 10 mΩ that lies 5 mΩ above ground, and through wires of 35 mΩ and 20 nH below the cell.
+    #[test]
+    fn what_lies_below_the_cell_is_a_resistance() {
+        let point = |freq_hz: f64| {
+            let below = Complex64::new(35e-3, std::f64::consts::TAU * freq_hz * 20e-9);
+            let volts = [Complex64::new(10e-3, 0.0), Complex64::new(30e-3, 0.0), 2.0 * below, 2.0 * below + 0.02];
+            ChannelPhasors { freq_hz, volts, variance: [PhasorVariance::circular(1e-12); 4] }
+        };
+        let met = below_ohm(&[point(1.0), point(100.0), point(1e4)], 10e-3).unwrap();
+        assert!((met - 35e-3).abs() < 1e-12, "{met}");
+        assert_eq!(below_ohm(&[], 10e-3), None);
+        let still = ChannelPhasors { volts: [Complex64::ZERO; 4], ..point(1.0) };
+        assert_eq!(below_ohm(&[still], 10e-3), None, "no current");
+    }
+}
