@@ -33,7 +33,7 @@ impl Effect for ShuntHeating {
         let most = 0.2 / (base.facts.greatest_a * base.facts.greatest_a);
         vec![
             Parameter::strength("per_a2", "1/A²", Range { lower: -most, upper: most }, 0.01 * most),
-            Parameter::shape("tau_s", "s", Range { lower: 1.0, upper: 600.0 }, vec![30.0, 5.0]),
+            Parameter::shape("tau_s", "s", Range { lower: 0.3, upper: 600.0 }, vec![30.0, 5.0]),
         ]
     }
 
