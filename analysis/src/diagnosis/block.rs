@@ -262,6 +262,14 @@ impl Block {
         sum_c
     }
 
+    /// Charge before a run that follows this one and begins at a state of charge, see [`Record::before_c`].
+    pub(super) fn charge_until(&self, soc: f64, capacity_ah: f64) -> Vec<f64> {
+        let mut all = Stretches { all_c: self.before_c.clone(), ..Stretches::new(capacity_ah) };
+        let own_soc = self.at.soc + self.add_charge(&mut all) / (3600.0 * capacity_ah);
+        all.add((soc - own_soc) * 3600.0 * capacity_ah);
+        all.all_c
+    }
+
     /// Tells each block, in the order of time, what charge went before it. Between two runs of a cell flows what the state of charge differs by.
     pub(super) fn tell_charge(blocks: &mut [Self], capacity_ah: f64) {
         let (mut all, mut soc) = (Stretches::new(capacity_ah), None);

@@ -30,13 +30,6 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
                 .to_owned(),
         );
     }
-    for taken in &selection.taken {
-        for container in taken.limit_of.iter().filter_map(|name| find(name)) {
-            let (title, named) = (container.card().title, find(taken.name).map_or(taken.name, |e| e.card().title));
-            d.notes
-                .push(format!("{title} is not excluded: it becomes {named} at a limit of its shape, from which these runs do not tell it"));
-        }
-    }
     if held_out_z >= GOOD_FIT_Z {
         d.notes.push(format!("held-out runs are missed by {held_out_z:.1} standard deviations of their χ²"));
     }
@@ -54,6 +47,13 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
         d.summary = format!("Something is missing that no effect of the catalogue explains: {title} would explain it better.");
         hint(d, selection);
         return;
+    }
+    for taken in selection.taken.iter().filter(|_| fits) {
+        for container in taken.limit_of.iter().filter_map(|name| find(name)) {
+            let (title, named) = (container.card().title, find(taken.name).map_or(taken.name, |e| e.card().title));
+            d.notes
+                .push(format!("{title} is not excluded: it becomes {named} at a limit of its shape, from which these runs do not tell it"));
+        }
     }
     (d.verdict, d.summary) = match (fits, names.is_empty()) {
         (true, true) if d.noise.from_repeats => {

@@ -93,6 +93,11 @@ impl Prior {
         Self { log_sigmas, spread, known: history.is_some(), history: h, calibration }
     }
 
+    /// What a current that stays differs by between two samples, A: one standard deviation; 0 where nothing is known.
+    pub(super) fn jitter_a(&self) -> f64 {
+        if self.known { self.history.current_jitter_a() } else { 0.0 }
+    }
+
     /// Variance of one voltage sample that no estimate touches: codes of both channels and noise of the current, V².
     pub(super) fn sample_variance(&self, base: &Base) -> f64 {
         let h = &self.history;

@@ -67,7 +67,8 @@ pub(super) fn prepare(set: &DataSet, model: &BaseModel, guards: Guards) -> Resul
 fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     let first = set.runs.iter().map(|r| r.order).min().unwrap_or(0);
     let jitter_a = set.history.map_or(0.0, |h| h.current_jitter_a());
-    let counted = |r: &Run| Block::new(&Run { order: r.order - first, ..r.clone() }, base, jitter_a);
+    let first_s = set.runs.iter().map(|r| r.start_s).fold(f64::INFINITY, f64::min);
+    let counted = |r: &Run| Block::new(&Run { order: r.order - first, start_s: r.start_s - first_s, ..r.clone() }, base, jitter_a);
     let mut blocks = set.runs.iter().map(counted).collect::<Result<Vec<Block>, DataSetError>>()?;
     blocks.sort_by(|a, b| a.at.order.total_cmp(&b.at.order));
     Block::tell_charge(&mut blocks, base.ocv.capacity_ah);
@@ -171,9 +172,10 @@ impl Prepared {
         let stated_v = stated_noise_v(&self.problem.blocks);
         let mut planned = Problem::unweighed(base.clone(), Vec::new());
         for run in runs {
-            let mut block = Block::new(&run.unmeasured(between, stated_v), base, 0.0)?;
-            // What went before is the campaign; the cell is taken to the planned state of charge.
-            block.before_c = self.problem.blocks.iter().rev().find(|b| b.at.is_cell).map_or_else(Vec::new, |b| b.before_c.clone());
+            let mut block = Block::new(&run.unmeasured(between, stated_v), base, self.prior.jitter_a())?;
+            // What went before is the campaign; then the cell is taken to the planned state of charge.
+            let last = self.problem.blocks.iter().rev().find(|b| b.at.is_cell);
+            block.before_c = last.map_or_else(Vec::new, |last| last.charge_until(run.soc, base.ocv.capacity_ah));
             block.lies_as(&self.problem.blocks);
             let mut shape = Shape::new(&block, (base, &[]), &self.prior, desk);
             shape.share_codes(run.repeat);

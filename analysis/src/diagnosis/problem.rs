@@ -190,8 +190,8 @@ impl Problem {
         dot(&w, &w)
     }
 
-    /// The change of the whitened prediction when a coordinate changes by a step. A run that repeats another one changes as that one does, unless the
-    /// coordinate is one of an effect that tells repeats apart.
+    /// The change of the whitened prediction when a coordinate changes by a step. A run that repeats another one changes as that one does, unless an
+    /// effect tells repeats apart.
     pub(super) fn change(
         &self,
         structure: &Structure,
@@ -199,8 +199,7 @@ impl Problem {
         (moved, step): (usize, f64),
         desk: &mut Desk,
     ) -> Vec<f64> {
-        let each = structure.tells_repeats_apart(moved, self.branches());
-        self.changes(structure, at, (moved, step), (each, desk))
+        self.changes(structure, at, (moved, step), (structure.tells_repeats_apart(), desk))
     }
 
     /// The same, of each run by itself or by the one that it repeats.

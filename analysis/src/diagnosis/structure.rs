@@ -178,10 +178,9 @@ impl Structure {
         1 + 2 * branches + self.members[..member].iter().map(Member::free).sum::<usize>()
     }
 
-    /// Whether a coordinate is one of an effect that tells repeats apart.
-    pub(super) fn tells_repeats_apart(&self, coordinate: usize, branches: usize) -> bool {
-        let owner = (0..self.members.len()).rev().find(|m| self.first(*m, branches) <= coordinate);
-        owner.is_some_and(|m| self.members[m].effect.tells_repeats_apart(&self.members[m].choice))
+    /// Whether an effect among them tells repeats apart: what all other parameters do is then another in each, too.
+    pub(super) fn tells_repeats_apart(&self) -> bool {
+        self.members.iter().any(|m| m.effect.tells_repeats_apart(&m.choice))
     }
 
     /// The effects with their values.

@@ -12,7 +12,7 @@ static CARD: Card = Card {
                      the span of all starts; capacitances stay",
     impedance: "the base's with its resistances multiplied by 1 + d·n",
     source: "first term of the Taylor series in the number of runs",
-    signature: "a trend of the misfit with the order of runs, in none with frequency or time",
+    signature: "a trend of the misfit with the order of runs or the time since the first, in none with frequency",
     confounders: &["current_gain", "contact_resistance", "soc_resistance"],
     contains: &[],
     experiment: "the first run once more at the end; runs in random order",
@@ -38,6 +38,11 @@ impl Effect for Ageing {
 
     fn tells_repeats_apart(&self, _p: &[f64]) -> bool {
         true
+    }
+
+    /// As at the end of the campaign: what a cell does for days is not told by one of hours.
+    fn predicting(&self, p: Vec<f64>) -> Vec<f64> {
+        vec![p[0], 0.0]
     }
 
     fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {

@@ -51,6 +51,12 @@ impl Effect for Hysteresis {
         p[2] > 0.5
     }
 
+    /// From the middle: where the campaign has left it says nothing of the cell that a prediction is for.
+    fn predicting(&self, mut p: Vec<f64>) -> Vec<f64> {
+        p[2] = 0.0;
+        p
+    }
+
     /// From h = 0 the response to a small swing is of first order, the same in both directions.
     fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
         if !at.is_cell {

@@ -105,6 +105,11 @@ pub trait Effect: Sync {
         false
     }
 
+    /// The values for predictions, in which time since the campaign and charge before it are not known: by default the same.
+    fn predicting(&self, p: Vec<f64>) -> Vec<f64> {
+        p
+    }
+
     /// Changes the linear network: acts on impedance and on time alike.
     fn network(&self, _p: &[f64], _base: &Base, _network: &mut Network) {}
 

@@ -110,6 +110,6 @@ impl Addition {
                 return Err(JsonError::EffectValue { effect: name(), parameter: known.name, expected, met: value });
             }
         }
-        Ok(Kept { effect, p: self.parameters.iter().map(|p| p.value).collect() })
+        Ok(Kept { effect, p: effect.predicting(self.parameters.iter().map(|p| p.value).collect()) })
     }
 }

@@ -204,6 +204,9 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<RunData, String>, Confi
     let mut sweep = files::sweep(&chosen.spectrum, 0.0 - bias_a, amplitude_a);
     sweep.below_ohm = at.finite("below_ohm", entry.below_ohm)?.unwrap_or(0.0);
     sweep.elapsed_s = entry.elapsed_s.clone().unwrap_or_default();
+    if let Some(odd) = sweep.elapsed_s.iter().find(|t| !t.is_finite() || **t < 0.0) {
+        return Err(at.complain("elapsed_s", format!("expected times of 0 s or more, found {odd}")));
+    }
     if !sweep.elapsed_s.is_empty() && sweep.elapsed_s.len() != sweep.points.len() {
         let (met, points) = (sweep.elapsed_s.len(), sweep.points.len());
         return Err(at.complain("elapsed_s", format!("expected a time for each of {points} points, found {met}")));

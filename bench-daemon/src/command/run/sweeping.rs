@@ -98,10 +98,13 @@ impl<'a> Sweeping<'a> {
         if let Some(file) = &self.file {
             recorder.spectrum(file, &corrected)?;
         }
+        let (begin_s, end_s) = points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.time_s), b.max(p.time_s)));
         points.dedup_by(|a, b| {
             let same = a.phasors.freq_hz == b.phasors.freq_hz;
             if same {
                 b.failing.append(&mut a.failing);
+                // That is the time that its impedance is told for.
+                b.time_s = 0.5 * (begin_s + end_s);
             }
             same
         });
