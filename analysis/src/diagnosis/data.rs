@@ -1,5 +1,6 @@
 //! The data set of a diagnosis: runs with their circumstances, and what the bench's history says of its errors.
 
+use super::edges::UNIFORM;
 use crate::augmented::Between;
 use crate::calibration::CommonError;
 use crate::series::TimeSeries;
@@ -157,6 +158,6 @@ pub struct BenchHistory {
 impl BenchHistory {
     /// Standard deviation of the difference of two samples of a current that stays, A.
     pub(super) fn current_jitter_a(&self) -> f64 {
-        2f64.sqrt() * self.current_noise_a.hypot(self.current_resolution_a / 12f64.sqrt())
+        2f64.sqrt() * self.current_noise_a.hypot(self.current_resolution_a * UNIFORM)
     }
 }

@@ -4,6 +4,7 @@ mod accept;
 mod additions;
 mod attempts;
 mod block;
+mod charge;
 mod codes;
 mod consistency;
 mod data;

@@ -30,7 +30,7 @@ pub(super) struct Problem {
     pub(super) floors: Vec<Vec<f64>>,
 }
 
-/// What is predicted for the training runs.
+/// What is predicted for the runs of a role.
 #[derive(Debug, Clone)]
 pub(super) struct Prediction {
     /// Whitened rows of all of them.
@@ -115,37 +115,29 @@ impl Problem {
     }
 
     /// What is predicted for the training runs.
-    pub(super) fn prediction(&self, (structure, x): (&Structure, &[f64]), desk: &mut Desk) -> Prediction {
+    pub(super) fn prediction(&self, at: (&Structure, &[f64]), desk: &mut Desk) -> Prediction {
+        self.prediction_of(Role::Train, at, desk)
+    }
+
+    /// Whitened predictions of the rows of a role.
+    pub(super) fn whitened_of(&self, role: Role, at: (&Structure, &[f64]), desk: &mut Desk) -> Vec<f64> {
+        self.prediction_of(role, at, desk).white
+    }
+
+    fn prediction_of(&self, role: Role, (structure, x): (&Structure, &[f64]), desk: &mut Desk) -> Prediction {
         let (erm, values) = structure.decode(x, self.branches());
         let base = self.base_with(erm);
         let added = structure.added(&values);
         let network = network(&base, &added);
         let mut white = Vec::with_capacity(self.training_rows());
         let mut rows: Vec<Vec<f64>> = vec![Vec::new(); self.blocks.len()];
-        for k in self.of_role(Role::Train) {
+        for k in self.of_role(role) {
             rows[k].reserve(self.blocks[k].rows());
             self.blocks[k].predict((&base, &added, &network), structure.parts, desk, &mut rows[k]);
             self.whiteners[k].apply(&rows[k], &mut white);
         }
-        self.shared.apply(&mut white);
+        self.take_shared(role, &mut white);
         Prediction { white, rows }
-    }
-
-    /// Whitened predictions of the rows of a role.
-    pub(super) fn whitened_of(&self, role: Role, (structure, x): (&Structure, &[f64]), desk: &mut Desk) -> Vec<f64> {
-        let (erm, values) = structure.decode(x, self.branches());
-        let base = self.base_with(erm);
-        let added = structure.added(&values);
-        let network = network(&base, &added);
-        let mut all = Vec::with_capacity(self.training_rows());
-        let mut rows = Vec::new();
-        for k in self.of_role(role) {
-            rows.clear();
-            self.blocks[k].predict((&base, &added, &network), structure.parts, desk, &mut rows);
-            self.whiteners[k].apply(&rows, &mut all);
-        }
-        self.take_shared(role, &mut all);
-        all
     }
 
     fn take_shared(&self, role: Role, rows: &mut [f64]) {

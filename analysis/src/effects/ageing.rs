@@ -49,7 +49,7 @@ impl Effect for Ageing {
         if !at.is_cell {
             return z_ohm;
         }
-        Aged::new(p, base, (at.order, at.start_s)).modulation(0.0).change_ohm(&base.erm, at.freq_hz) + z_ohm
+        Aged::new(p, base, (at.order, at.start_s)).after(0.0).change_ohm(&base.erm, at.freq_hz) + z_ohm
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
@@ -72,13 +72,14 @@ impl Aged {
         Self { start: if orders > 0.0 { p[0] * order / orders } else { 0.0 }, per_s: 0.0 }
     }
 
-    fn modulation(&self, time_s: f64) -> Modulation {
+    /// So long after the start of the run.
+    fn after(&self, time_s: f64) -> Modulation {
         Modulation::all(1.0 + self.start + self.per_s * time_s)
     }
 }
 
 impl Dynamics for Aged {
     fn modulation(&self, at: &Instant) -> Modulation {
-        Self::modulation(self, at.time_s)
+        self.after(at.time_s)
     }
 }

@@ -169,14 +169,15 @@ impl Reader<'_> {
             if sweep.points.len() == entry.elapsed_s.len() {
                 sweep.elapsed_s.clone_from(&entry.elapsed_s);
             }
-        }
-        if let RunData::Eis(sweep) = &mut data
-            && self.loaded.set.calibration.is_some()
-            && sweep.points.len() == entry.own_sigma_ohm.len()
-        {
-            // What the correction leaves is common to all sweeps, and stated once for all of them.
-            let stated = |[re, im]: &[f64; 2]| Some((*re, *im)).filter(|(re, im)| *re > 0.0 && *im > 0.0);
-            sweep.points.iter_mut().zip(&entry.own_sigma_ohm).for_each(|(point, own)| point.sigma_ohm = stated(own).or(point.sigma_ohm));
+            if self.loaded.set.calibration.is_some() && sweep.points.len() == entry.own_sigma_ohm.len() {
+                // What the correction leaves is common to all sweeps, and stated once for all of them.
+                let stated = |[re, im]: &[f64; 2]| Some((*re, *im)).filter(|(re, im)| *re > 0.0 && *im > 0.0);
+                sweep
+                    .points
+                    .iter_mut()
+                    .zip(&entry.own_sigma_ohm)
+                    .for_each(|(point, own)| point.sigma_ohm = stated(own).or(point.sigma_ohm));
+            }
         }
         let temperature_c = self.temperature(&name, entry.temperature_c);
         self.loaded.set.runs.push(Run {

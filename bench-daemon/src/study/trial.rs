@@ -1,7 +1,6 @@
 //! One trial: hidden truth, data set, diagnosis, score.
 
 use analysis::diagnosis::{Block, Candidate, Diagnosis, Gap, Outcome, Verdict, gate, yardstick};
-use analysis::effects;
 use fixtures::hidden::{Case, EffectKind, LabelledEffect, Spec, Stratum};
 use serde::Serialize;
 
@@ -224,7 +223,7 @@ fn end(verdict: Option<Verdict>, Truth { names: truth, outside }: &Truth, named:
         Some(Verdict::Explained) if truth.iter().all(|t| named.contains(t)) && !truth.is_empty() => End::Extra,
         Some(Verdict::Explained) => End::Wrong,
         Some(Verdict::Ambiguous) if !truth.is_empty() && truth.iter().all(&among) => End::Twin,
-        Some(Verdict::Ambiguous) if *outside && rivals.iter().any(|r| effects::find(r).is_none()) => End::Twin,
+        Some(Verdict::Ambiguous) if *outside && rivals.iter().any(|r| analysis::effects::find(r).is_none()) => End::Twin,
         Some(Verdict::Ambiguous) if truth.iter().any(among) => End::Part,
         Some(Verdict::Ambiguous) => End::Misled,
     }
