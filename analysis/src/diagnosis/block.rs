@@ -6,7 +6,7 @@
 use super::data::{Fixture, Role, Run, RunData, Start};
 use super::windows::Windows;
 use crate::augmented::{Added, Grid, Network, Player, impedance};
-use crate::effects::{Base, Point, Record};
+use crate::effects::{Base, Moved, Point, Record};
 use num_complex::Complex64;
 
 /// Bins of a record at most; more are merged.
@@ -32,8 +32,8 @@ pub(super) struct Block {
     pub(super) kind: Kind,
     /// Measured rows: Ω or V.
     pub(super) measured: Vec<f64>,
-    /// Charge before it, see [`Record::before_c`].
-    pub(super) before_c: Vec<f64>,
+    /// Charge before it, see [`Record::before`].
+    pub(super) before: Vec<Moved>,
     /// The first block that this one repeats so closely that derivatives are the same.
     pub(super) alike: Option<usize>,
 }
@@ -47,11 +47,22 @@ pub(super) enum Kind {
     Time(Box<TimeBlock>),
 }
 
+/// Which current a record is predicted for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Current {
+    /// As it was logged.
+    Logged,
+    /// Without the logger's noise.
+    Driven,
+}
+
 /// A record with its grid and bins.
 #[derive(Debug, Clone)]
 pub(super) struct TimeBlock {
     pub(super) time_s: Vec<f64>,
     pub(super) current_a: Vec<f64>,
+    /// The same without the noise of the logger, see [`driven`].
+    driven_a: Vec<f64>,
     pub(super) voltage_v: Vec<f64>,
     pub(super) linear: bool,
     pub(super) level_sigma_v: f64,
@@ -181,7 +192,7 @@ impl Block {
             at,
             kind,
             measured,
-            before_c: Vec::new(),
+            before: Vec::new(),
             alike: None,
         })
     }
@@ -213,7 +224,7 @@ impl Block {
             order: self.at.order,
             start_s: self.at.start_s,
             is_cell: self.at.is_cell,
-            before_c: &self.before_c,
+            before: &self.before,
         }
     }
 
@@ -245,8 +256,14 @@ impl Block {
     }
 
     /// Predicted rows, appended to `rows`.
-    pub(super) fn predict(
+    pub(super) fn predict(&self, model: (&Base, &[Added<'_>], &Network), parts: usize, desk: &mut Desk, rows: &mut Vec<f64>) {
+        self.predict_under(Current::Logged, model, parts, desk, rows);
+    }
+
+    /// The same under the current as it was logged or driven.
+    pub(super) fn predict_under(
         &self,
+        current: Current,
         (base, added, network): (&Base, &[Added<'_>], &Network),
         parts: usize,
         desk: &mut Desk,
@@ -260,7 +277,8 @@ impl Block {
                 }
             }
             Kind::Time(time) => {
-                self.play(time, (base, added), &time.current_a, (parts, desk));
+                let current_a = if current == Current::Logged { &time.current_a } else { &time.driven_a };
+                self.play(time, (base, added), current_a, (parts, desk));
                 time.average_into(&desk.voltage_v, rows);
             }
         }
@@ -283,7 +301,8 @@ impl TimeBlock {
         let time_s: Vec<f64> = s.time_s.iter().map(|t| t - start_s).collect();
         let linear = record.between == crate::augmented::Between::Linear;
         let edges = edges(&s.current_a, jitter_a);
-        let mut bins = bins(&time_s, &s.current_a, &edges);
+        let driven_a = driven(&s.current_a, &edges, jitter_a);
+        let mut bins = bins(&time_s, (&s.current_a, &driven_a), &edges);
         if let Some(sigma_v) = &record.sigma_v {
             let count = |b: &Bin| (b.to - b.from) as f64;
             bins.iter_mut().for_each(|b| b.stated_v2 = sigma_v[b.from..b.to].iter().map(|s| s * s).sum::<f64>() / count(b).powi(2));
@@ -295,6 +314,7 @@ impl TimeBlock {
         Self {
             time_s,
             current_a: s.current_a.clone(),
+            driven_a,
             voltage_v: s.voltage_v.clone(),
             linear,
             level_sigma_v: record.level_sigma_v,
@@ -330,7 +350,22 @@ fn edges(current_a: &[f64], jitter_a: f64) -> Vec<usize> {
     std::iter::once(0).chain(changes).collect()
 }
 
-fn bins(time_s: &[f64], current_a: &[f64], edges: &[usize]) -> Vec<Bin> {
+/// The current without noise: constant where it stays between two edges.
+fn driven(current_a: &[f64], edges: &[usize], jitter_a: f64) -> Vec<f64> {
+    let mut driven_a = current_a.to_vec();
+    let ends = edges.iter().skip(1).copied().chain([current_a.len()]);
+    for (from, to) in edges.iter().copied().zip(ends) {
+        let stretch = &mut driven_a[from..to];
+        let mean = stretch.iter().sum::<f64>() / stretch.len() as f64;
+        let variance = stretch.iter().map(|i| (i - mean).powi(2)).sum::<f64>() / stretch.len() as f64;
+        if variance.sqrt() <= jitter_a {
+            stretch.fill(mean);
+        }
+    }
+    driven_a
+}
+
+fn bins(time_s: &[f64], (current_a, driven_a): (&[f64], &[f64]), edges: &[usize]) -> Vec<Bin> {
     let mut ratio = 0.3;
     let mut cuts = cuts(time_s, edges, ratio);
     while cuts.len() > MOST_BINS + 1 && ratio < 4.0 {
@@ -353,7 +388,7 @@ fn bins(time_s: &[f64], current_a: &[f64], edges: &[usize]) -> Vec<Bin> {
             let (from, to) = (w[0], w[1]);
             let mean = |v: &[f64]| v[from..to].iter().sum::<f64>() / (to - from) as f64;
             let edge = edges[edges.partition_point(|e| *e <= from).saturating_sub(1)];
-            let current = mean(current_a);
+            let current = mean(driven_a);
             if current.abs() > EDGE_PART * greatest {
                 last_current_a = current;
             }

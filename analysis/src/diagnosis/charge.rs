@@ -1,6 +1,7 @@
-//! What charge went into the cell before a run: what remembers it, remembers the stretches between reversals.
+//! What charge went through the cell before a run: what remembers it, remembers the stretches between reversals, and wears off under a sweep's swings.
 
 use super::block::{Block, Kind};
+use crate::effects::{Moved, Point};
 
 /// Part of the capacity by which states of charge must differ for charge to have flown between two runs: voltages at rest, which they are read from, lie higher
 /// or lower after a charge or a discharge.
@@ -9,9 +10,15 @@ const LEAST_BETWEEN: f64 = 0.01;
 const LEAST_REVERSAL: f64 = 1e-4;
 
 impl Block {
-    /// Adds what its record puts into the cell and says how much that is, C: nothing for a sweep, whose swings are small.
+    /// Adds what it moves through the cell and says how much of it stays there, C.
     fn add_charge(&self, all: &mut Stretches) -> f64 {
-        let Kind::Time(time) = &self.kind else { return 0.0 };
+        let time = match &self.kind {
+            Kind::Time(time) => time,
+            Kind::Eis { points, .. } => {
+                all.swing(swung_c(points));
+                return 0.0;
+            }
+        };
         let mut sum_c = 0.0;
         for k in 1..time.time_s.len() {
             let amps = if time.linear { 0.5 * (time.current_a[k] + time.current_a[k - 1]) } else { time.current_a[k - 1] };
@@ -22,31 +29,39 @@ impl Block {
         sum_c
     }
 
-    /// Charge before a run that follows this one and begins at a state of charge, see [`Record::before_c`].
-    pub(super) fn charge_until(&self, soc: f64, capacity_ah: f64) -> Vec<f64> {
-        let mut all = Stretches { all_c: self.before_c.clone(), ..Stretches::new(capacity_ah) };
+    /// Charge before a run that follows this one and begins at a state of charge, see [`Record::before`](crate::effects::Record::before).
+    pub(super) fn charge_until(&self, soc: f64, capacity_ah: f64) -> Vec<Moved> {
+        let mut all = Stretches { all: self.before.clone(), ..Stretches::new(capacity_ah) };
         let own_soc = self.at.soc + self.add_charge(&mut all) / (3600.0 * capacity_ah);
-        all.add((soc - own_soc) * 3600.0 * capacity_ah);
-        all.all_c
+        all.add_between(soc - own_soc, capacity_ah);
+        all.all
     }
 
     /// Tells each block, in the order of time, what charge went before it. Between two runs of a cell flows what the state of charge differs by.
     pub(super) fn tell_charge(blocks: &mut [Self], capacity_ah: f64) {
         let (mut all, mut soc) = (Stretches::new(capacity_ah), None);
         for block in blocks.iter_mut().filter(|b| b.at.is_cell) {
-            let between = soc.map_or(0.0, |soc: f64| block.at.soc - soc);
-            if between.abs() > LEAST_BETWEEN {
-                all.add(between * 3600.0 * capacity_ah);
-            }
-            block.before_c.clone_from(&all.all_c);
+            all.add_between(soc.map_or(0.0, |soc: f64| block.at.soc - soc), capacity_ah);
+            block.before.clone_from(&all.all);
             soc = Some(block.at.soc + block.add_charge(&mut all) / (3600.0 * capacity_ah));
         }
     }
 }
 
-/// Charges without a reversal.
+/// What a sweep's current puts in and takes out, C: the mean size of a sine is 2/π of its amplitude, and the times of its points say how long each lasted. None
+/// where amplitude or times are not known.
+fn swung_c(points: &[Point]) -> f64 {
+    let mut visited: Vec<(f64, f64)> = points.iter().map(|p| (p.start_s, p.amplitude_a.unwrap_or(0.0))).collect();
+    visited.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let each: Vec<f64> = visited.windows(2).map(|w| w[1].1 * (w[1].0 - w[0].0)).collect();
+    // Before the first point the cell rested, for how long is not told; a point's time is the middle of its capture.
+    let (first, last) = (each.first().copied().unwrap_or(0.0), each.last().copied().unwrap_or(0.0));
+    std::f64::consts::FRAC_2_PI * (first + each.iter().sum::<f64>() + 0.5 * last)
+}
+
+/// Charges without a reversal, and swings between them.
 struct Stretches {
-    all_c: Vec<f64>,
+    all: Vec<Moved>,
     /// Put back since the last stretch's end, too little to be a reversal.
     back_c: f64,
     least_c: f64,
@@ -54,15 +69,30 @@ struct Stretches {
 
 impl Stretches {
     fn new(capacity_ah: f64) -> Self {
-        Self { all_c: vec![0.0], back_c: 0.0, least_c: LEAST_REVERSAL * 3600.0 * capacity_ah }
+        Self { all: vec![Moved::default()], back_c: 0.0, least_c: LEAST_REVERSAL * 3600.0 * capacity_ah }
     }
 
     fn add(&mut self, charge_c: f64) {
         self.back_c += charge_c;
-        match self.all_c.last_mut() {
-            Some(last) if *last * self.back_c >= 0.0 => *last += std::mem::take(&mut self.back_c),
-            _ if self.back_c.abs() > self.least_c => self.all_c.push(std::mem::take(&mut self.back_c)),
+        match self.all.last_mut() {
+            Some(last) if last.charge_c * self.back_c >= 0.0 => {
+                *last = Moved::one_way(last.charge_c + std::mem::take(&mut self.back_c));
+            }
+            _ if self.back_c.abs() > self.least_c => self.all.push(Moved::one_way(std::mem::take(&mut self.back_c))),
             _ => {}
+        }
+    }
+
+    /// What a state of charge says that has flown while nothing was recorded.
+    fn add_between(&mut self, soc: f64, capacity_ah: f64) {
+        if soc.abs() > LEAST_BETWEEN {
+            self.add(soc * 3600.0 * capacity_ah);
+        }
+    }
+
+    fn swing(&mut self, through_c: f64) {
+        if through_c > 0.0 {
+            self.all.extend([Moved { charge_c: 0.0, through_c }, Moved::default()]);
         }
     }
 }

@@ -13,7 +13,7 @@
 //! does. The sum of all squares knows nothing of directions and needs far more. Probabilities are corrected after Holm over all quantities and kinds of
 //! classes.
 
-use super::block::{Desk, Kind};
+use super::block::{Current, Desk, Kind};
 use super::data::Role;
 use super::guards::beyond_formula;
 use super::localise::{Ranges, places};
@@ -62,20 +62,22 @@ pub(super) fn inconsistencies(problem: &Problem, (base, fit): (&Fit, &Fit), desk
     // What one value for all runs makes must be in it to the last digit.
     let tangent = problem.exact_tangent(fit, desk);
     let mut found: Vec<Inconsistency> = Vec::new();
-    let predict =
-        |x: &[f64], desk: &mut Desk| -> Vec<Vec<f64>> { train.iter().map(|k| problem.predict((&fit.structure, x), *k, 1, desk)).collect() };
-    let plain = predict(&fit.x, desk);
+    let predict = |current, x: &[f64], desk: &mut Desk| -> Vec<Vec<f64>> {
+        train.iter().map(|k| problem.predict_under(current, (&fit.structure, x), *k, 1, desk)).collect()
+    };
+    let plain = predict(Current::Logged, &fit.x, desk);
+    let left = free_of_current_noise(problem, (&train, &plain, &predict(Current::Driven, &fit.x, desk)), &fit.residuals);
     for (n, quantity) in quantities(problem, fit).into_iter().enumerate() {
         let mut x = fit.x.clone();
         quantity.moves.iter().for_each(|(k, step)| x[*k] += step);
-        let moved = predict(&x, desk);
+        let moved = predict(Current::Logged, &x, desk);
         let change: Vec<Vec<f64>> = moved.iter().zip(&plain).map(|(m, p)| m.iter().zip(p).map(|(m, p)| m - p).collect()).collect();
         for (over, classes) in &kinds {
             // Every single pulse is asked for its resistance only.
             if *over == PULSES && n > 0 {
                 continue;
             }
-            let (q, dof) = between(problem, (&train, &change, classes), &tangent, &fit.residuals);
+            let (q, dof) = between(problem, (&train, &change, classes), &tangent, &left);
             let beyond = beyond_formula(q, gained);
             if dof > 0 {
                 let p_value = chi2_tail(beyond, dof as f64);
@@ -91,6 +93,18 @@ pub(super) fn inconsistencies(problem: &Problem, (base, fit): (&Fit, &Fit), desk
     found.iter_mut().zip(corrected).for_each(|(f, p)| f.p_value = p);
     found.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then((b.chi2 / b.dof as f64).total_cmp(&(a.chi2 / a.dof as f64))));
     found
+}
+
+/// What is left without what noise of the logged current has made of the prediction. The derivatives hold that noise as well: where little else flows, a resistance
+/// asked by the logged current would always be found to be none.
+fn free_of_current_noise(problem: &Problem, (train, logged, driven): (&[usize], &[Vec<f64>], &[Vec<f64>]), residuals: &[f64]) -> Vec<f64> {
+    let mut noise = Vec::with_capacity(residuals.len());
+    for ((k, logged), driven) in train.iter().zip(logged).zip(driven) {
+        let rows: Vec<f64> = logged.iter().zip(driven).map(|(l, d)| l - d).collect();
+        problem.whiteners[*k].apply(&rows, &mut noise);
+    }
+    problem.shared.apply(&mut noise);
+    residuals.iter().zip(noise).map(|(r, n)| r + n).collect()
 }
 
 /// All resistances, and every parameter of the effects.

@@ -13,6 +13,7 @@ mod distinguish;
 mod edges;
 mod estimate;
 mod experiment;
+mod followed;
 pub mod gate;
 mod guards;
 mod intervals;

@@ -1,13 +1,14 @@
 //! The noise of every row: what a run's repeats disagree in, and what the current channel's errors do to the model's own output.
 //!
-//! C = diag(σ_w²/m) + σ_d² exp(−|Δt|/τ_d) + σ_V² 11ᵀ + σ_R² ηηᵀ + σ_g² b_g b_gᵀ + σ_o² b_o b_oᵀ + Σ σ_I² b_s b_sᵀ + σ_i² u u'·W, with η what all resistances drop
-//! and b the model's responses to a gain, a zero error and a per-stretch error of the logged current, the counted charge included; u and u' are the curve's slopes
-//! per charge at two rows and W = Σ Δt² up to the earlier one, the walk that white noise of the current adds up to. How the σ are found is in `estimate`.
+//! C = diag(σ_w²/m) + σ_d² exp(−|Δt|/τ_d) + σ_V² 11ᵀ + σ_R² ηηᵀ + σ_g² b_g b_gᵀ + σ_o² b_o b_oᵀ + Σ σ_I² b_s b_sᵀ + F, with η what all resistances drop and b the
+//! model's responses to a gain, a zero error and a per-stretch error of the logged current, the counted charge included; F is what white noise of the current does
+//! to branches and charge, see `followed`. How the σ are found is in `estimate`.
 
 use super::block::{Block, Desk, Kind, TimeBlock};
 use super::codes::Codes;
 use super::data::BenchHistory;
 use super::edges::{self, UNIFORM};
+use super::followed;
 use super::shared::{self, Errors};
 use super::whitening::{Whitener, dot};
 use crate::augmented::{Added, network};
@@ -101,7 +102,7 @@ impl Prior {
     /// Variance of one voltage sample that no estimate touches: codes of both channels and noise of the current, V².
     pub(super) fn sample_variance(&self, base: &Base) -> f64 {
         let h = &self.history;
-        (h.voltage_resolution_v * UNIFORM).powi(2) + (h.current_noise_a * base.erm.r_ohm).powi(2)
+        (h.voltage_resolution_v * UNIFORM).powi(2) + current_variance_a2(h) * base.erm.r_ohm.powi(2)
     }
 }
 
@@ -113,8 +114,8 @@ pub(super) struct Shape {
     fixed: Vec<f64>,
     /// Diagonal of the white term, voltage or spectrum.
     white: (Term, Vec<f64>),
-    /// Covariance of what the white noise of the current adds up to in the counted charge, row-major; empty where there is none.
-    counted: Vec<f64>,
+    /// Covariance of what the white noise of the current does after its own sample, row-major; empty where there is none.
+    followed: Vec<f64>,
     /// Correlation of the drift, row-major; empty for a spectrum.
     pub(super) drift: Vec<f64>,
     /// One vector per estimated term of rank one.
@@ -141,7 +142,7 @@ impl Shape {
                     n: size.len(),
                     fixed: (0..size.len()).map(|k| stated(k).powi(2) + (1e-7 * size[k]).powi(2)).collect(),
                     white: (Term::Eis, size.iter().map(|z| z * z).collect()),
-                    counted: Vec::new(),
+                    followed: Vec::new(),
                     drift: Vec::new(),
                     shared: shared::of_spectrum(&block.kind, &predicted, (&prior.history, prior.calibration)),
                     vectors: vec![(Term::Resistance, resistance)],
@@ -163,11 +164,11 @@ impl Shape {
         let h = &prior.history;
         let n = time.bins.len();
         let counts: Vec<f64> = time.bins.iter().map(|b| (b.to - b.from) as f64).collect();
-        let current_noise_v = (h.current_noise_a * base.erm.r_ohm).powi(2);
         // Rows that state their noise are means of many samples, whose own noise is far above a code.
         let stated = time.bins.iter().any(|b| b.stated_v2 > 0.0);
+        let fresh_a2 = current_variance_a2(h);
         let codes = Codes { step: h.voltage_resolution_v, sigma: if stated { f64::INFINITY } else { h.voltage_noise_v } };
-        let fixed_v = codes.fresh() + current_noise_v + 1e-14;
+        let fixed_v = codes.fresh() + fresh_a2 * base.erm.r_ohm.powi(2) + 1e-14;
         let mut respond = |change: &dyn Fn(usize, f64) -> f64, scale: f64| {
             let current_a: Vec<f64> = time.current_a.iter().enumerate().map(|(k, i)| i + change(k, *i)).collect();
             block.play(time, (base, added), &current_a, (1, &mut *desk));
@@ -194,7 +195,7 @@ impl Shape {
             fixed: time.bins.iter().zip(&counts).map(|(b, m)| fixed_v / m + b.stated_v2).collect(),
             white: (Term::White, counts.iter().map(|m| 1.0 / m).collect()),
             // Means over many samples have hardly any noise left, and they say what they have.
-            counted: if stated { Vec::new() } else { counted((block, time), base, h) },
+            followed: if stated || fresh_a2 <= 0.0 { Vec::new() } else { followed::covariance((block, time), base, fresh_a2) },
             drift: (0..n * n).map(|ij| correlation(ij / n, ij % n)).collect(),
             vectors,
             known,
@@ -225,7 +226,7 @@ impl Shape {
     pub(super) fn forget_current_channel(&mut self) {
         self.vectors.retain(|(term, _)| !matches!(term, Term::Gain | Term::Zero));
         self.known.clear();
-        self.counted.clear();
+        self.followed.clear();
         self.shared.iter_mut().for_each(|v| v.fill(0.0));
     }
 
@@ -247,7 +248,7 @@ impl Shape {
             c.iter_mut().zip(&self.drift).for_each(|(c, r)| *c = scale * r);
         }
         c.iter_mut().zip(&self.codes).for_each(|(c, k)| *c += k);
-        c.iter_mut().zip(&self.counted).for_each(|(c, k)| *c += k);
+        c.iter_mut().zip(&self.followed).for_each(|(c, k)| *c += k);
         let white = variance(self.white.0);
         for i in 0..n {
             c[i * n + i] += self.fixed[i] + white * self.white.1[i];
@@ -288,22 +289,9 @@ impl Shape {
     }
 }
 
-/// Covariance of the rows' error by the counted charge, V²: each sample's noise of the current, its codes included, is counted until the next one, so that the sum
-/// is a random walk, and the curve's slope makes a voltage of it.
-fn counted((block, time): (&Block, &TimeBlock), base: &Base, h: &BenchHistory) -> Vec<f64> {
-    let fresh_a2 = h.current_noise_a.powi(2) + Codes { step: h.current_resolution_a, sigma: h.current_noise_a }.fresh();
-    if fresh_a2 <= 0.0 {
-        return Vec::new();
-    }
-    let capacity_c = 3600.0 * base.ocv.capacity_ah;
-    let mut walked_s2 = vec![0.0; time.time_s.len()];
-    for k in 1..time.time_s.len() {
-        walked_s2[k] = walked_s2[k - 1] + (time.time_s[k] - time.time_s[k - 1]).powi(2);
-    }
-    let n = time.bins.len();
-    let until_s2: Vec<f64> = time.bins.iter().map(|bin| walked_s2[bin.from.midpoint(bin.to - 1)]).collect();
-    let per_c: Vec<f64> = time.bins.iter().map(|bin| base.ocv.slope_v(block.at.soc - bin.charge_c / capacity_c) / capacity_c).collect();
-    (0..n * n).map(|ij| fresh_a2 * per_c[ij / n] * per_c[ij % n] * until_s2[ij / n].min(until_s2[ij % n])).collect()
+/// Variance of what is new in every sample of the current, its codes included, A².
+fn current_variance_a2(h: &BenchHistory) -> f64 {
+    h.current_noise_a.powi(2) + Codes { step: h.current_resolution_a, sigma: h.current_noise_a }.fresh()
 }
 
 /// What all resistances larger by a part do to the rows, per unit. A control is larger as a whole.

@@ -175,7 +175,7 @@ impl Prepared {
             let mut block = Block::new(&run.unmeasured(between, stated_v), base, self.prior.jitter_a())?;
             // What went before is the campaign; then the cell is taken to the planned state of charge.
             let last = self.problem.blocks.iter().rev().find(|b| b.at.is_cell);
-            block.before_c = last.map_or_else(Vec::new, |last| last.charge_until(run.soc, base.ocv.capacity_ah));
+            block.before = last.map_or_else(Vec::new, |last| last.charge_until(run.soc, base.ocv.capacity_ah));
             block.lies_as(&self.problem.blocks);
             let mut shape = Shape::new(&block, (base, &[]), &self.prior, desk);
             shape.share_codes(run.repeat);

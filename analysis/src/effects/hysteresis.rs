@@ -1,7 +1,7 @@
 //! The open-circuit voltage depends on where the charge came from.
 
 use super::quantity::log_grid;
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record};
+use super::{Base, Card, Dynamics, Effect, Group, Instant, Moved, Parameter, Point, Range, Record};
 use num_complex::Complex64;
 
 static CARD: Card = Card {
@@ -68,7 +68,7 @@ impl Effect for Hysteresis {
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
         let gamma_per_c = p[1] / (3600.0 * base.ocv.capacity_ah);
-        let carried = || record.before_c.iter().fold(p[3].clamp(-1.0, 1.0), |h, c| after(h, gamma_per_c * c));
+        let carried = || record.before.iter().fold(p[3].clamp(-1.0, 1.0), |h, moved| after(h, gamma_per_c, *moved));
         let start = if p[2] > 0.5 { carried() } else { 0.0 };
         let slope_v = base.ocv.at(record.soc).1;
         let soc_off = (p[0] * start / slope_v.max(1e-9)).clamp(-MOST_OFF, MOST_OFF);
@@ -76,10 +76,12 @@ impl Effect for Hysteresis {
     }
 }
 
-/// The state after γ times a charge that was put in.
-fn after(h: f64, moved: f64) -> f64 {
-    // Where nothing flows the exponent is zero and the sign does not matter.
-    h - (-moved.abs()).exp_m1() * (moved.signum() - h)
+/// The state after a charge. Swings that are small against 1/γ wear off what was there, whichever way they go.
+fn after(h: f64, gamma_per_c: f64, moved: Moved) -> f64 {
+    if moved.through_c <= 0.0 {
+        return h;
+    }
+    h - (-gamma_per_c * moved.through_c).exp_m1() * (moved.charge_c / moved.through_c - h)
 }
 
 struct Path {
@@ -100,6 +102,6 @@ impl Dynamics for Path {
     }
 
     fn advance(&mut self, at: &Instant, step_s: f64) {
-        self.h = after(self.h, -self.gamma_per_c * at.current_a * step_s);
+        self.h = after(self.h, self.gamma_per_c, Moved::one_way(-at.current_a * step_s));
     }
 }

@@ -113,8 +113,24 @@ pub struct Record<'a> {
     pub start_s: f64,
     /// False for a control impedance in the jig.
     pub is_cell: bool,
-    /// Charge that the records before it and what went on between them put into the cell, C: one entry per stretch without a reversal, in the order of time.
-    pub before_c: &'a [f64],
+    /// Charge that the runs before it and what went on between them moved through the cell, in the order of time.
+    pub before: &'a [Moved],
+}
+
+/// Charge that went through a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Moved {
+    /// What is in the cell more than before, C.
+    pub charge_c: f64,
+    /// What has gone in and out together, C: the size of the charge where there was no reversal, more than it for a sweep's swings.
+    pub through_c: f64,
+}
+
+impl Moved {
+    /// A charge without a reversal, C.
+    pub fn one_way(charge_c: f64) -> Self {
+        Self { charge_c, through_c: charge_c.abs() }
+    }
 }
 
 /// One moment within a record.

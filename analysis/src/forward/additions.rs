@@ -72,7 +72,7 @@ fn now(base: &Base, soc: f64) -> Record<'static> {
         order: f.orders,
         start_s: f.span_s,
         is_cell: true,
-        before_c: &[],
+        before: &[],
     }
 }
 

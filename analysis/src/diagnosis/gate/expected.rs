@@ -64,7 +64,7 @@ fn prediction(run: &Run, base: &Base, player: &mut Player) -> Prediction {
                 order: f64::from(run.order),
                 start_s: run.start_s,
                 is_cell: true,
-                before_c: &[],
+                before: &[],
             };
             let mut voltage_v = Vec::with_capacity(series.len());
             player.play((base, &[]), &played, (&Grid::new(&series.time_s, record.between), 1), &mut voltage_v);

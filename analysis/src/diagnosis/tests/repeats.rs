@@ -3,7 +3,7 @@
 use super::bench::{Hidden, campaign, model};
 use crate::augmented::Between;
 use crate::diagnosis::block::{Block, Desk, Kind};
-use crate::diagnosis::data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord};
+use crate::diagnosis::data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
 use crate::diagnosis::diagnose::base_fit;
 use crate::diagnosis::guards::Guards;
 use crate::diagnosis::prepare::{Prepared, prepare};
@@ -11,8 +11,9 @@ use crate::diagnosis::problem::Problem;
 use crate::diagnosis::propose::direction;
 use crate::diagnosis::structure::variants;
 use crate::diagnosis::whitening::dot;
-use crate::effects::find;
+use crate::effects::{Moved, find};
 use crate::series::TimeSeries;
+use num_complex::Complex64;
 
 fn prepared(set: &DataSet) -> Prepared {
     prepare(set, &model(), Guards::default()).unwrap()
@@ -99,12 +100,34 @@ fn charge_is_told_in_stretches_without_a_reversal() {
         calibration: None,
     };
     let p = prepared(&set);
-    let of = |k: usize| p.problem.blocks[k].before_c.clone();
-    let near = |met: &[f64], expected: &[f64]| met.len() == expected.len() && met.iter().zip(expected).all(|(m, e)| (m - e).abs() < 3.0);
+    let of = |k: usize| p.problem.blocks[k].before.clone();
+    let near = |met: &[Moved], expected: &[f64]| {
+        met.len() == expected.len()
+            && met.iter().zip(expected).all(|(m, e)| (m.charge_c - e).abs() < 3.0 && m.through_c == m.charge_c.abs())
+    };
     assert!(near(&of(0), &[0.0]), "{:?}", of(0));
     assert!(near(&of(1), &[-100.0, 60.0 + 1620.0]), "{:?}", of(1));
     // What the start's state of charge says less than a part in a hundred of is no charge: it was read from a voltage.
     assert!(near(&of(2), &[-100.0, 1680.0, -100.0, 60.0]), "{:?}", of(2));
+}
+
+/// A sweep of 2 A at two frequencies, measured in the middle of what lasted 100 s and 60 s, after a rest of which nothing is told.
+#[test]
+fn a_sweep_moves_charge_to_and_fro() {
+    let point = |freq_hz: f64| SweepPoint { freq_hz, z_ohm: Complex64::new(0.01, 0.0), sigma_ohm: None, amplitude_a: Some(2.0) };
+    let sweep = Sweep { bias_a: 0.0, below_ohm: 0.0, elapsed_s: vec![1080.0, 1000.0], points: vec![point(0.1), point(1.0)] };
+    let swept = Run { data: RunData::Eis(sweep), ..run(vec![0.0, 0.0], 1, 0.5) };
+    let out: Vec<f64> = toggling(5.0, 20).chain(toggling(0.0, 5)).collect();
+    let runs = vec![run(out, 0, 0.5), swept, run(vec![5.0; 20], 2, 0.5), run(vec![0.0, 0.0], 3, 0.5)];
+    let p = prepared(&DataSet { name: "t".to_owned(), runs, history: None, calibration: None });
+    let met = &p.problem.blocks[3].before;
+    // 80 s from point to point, as long for the first, and half of it after the last.
+    let through_c = 2.0 * std::f64::consts::FRAC_2_PI * (80.0 + 80.0 + 40.0);
+    let expected = [Moved::one_way(-100.0), Moved { charge_c: 0.0, through_c }, Moved::one_way(-95.0)];
+    assert_eq!(met.len(), 3, "{met:?}");
+    for (met, expected) in met.iter().zip(expected) {
+        assert!((met.charge_c - expected.charge_c).abs() < 3.0 && (met.through_c - expected.through_c).abs() < 3.0, "{met:?} {expected:?}");
+    }
 }
 
 #[test]
@@ -119,30 +142,4 @@ fn noise_of_a_small_current_is_no_edge() {
     let history = BenchHistory { current_noise_a: 0.03, current_resolution_a: 0.1, ..super::bench::HISTORY };
     assert_eq!(edges(history.current_jitter_a()), [0, 20, 120]);
     assert!(edges(0.0).len() > 20);
-}
-
-/// White noise of 0.2 A, counted over samples that are up to 40 s apart, makes a voltage that walks.
-#[test]
-fn noise_of_the_current_walks_in_the_counted_charge() {
-    let noisy = |current_noise_a: f64| {
-        let mut set = campaign(5, &Hidden::default(), &Hidden::default());
-        set.history = set.history.map(|h| BenchHistory { current_noise_a, ..h });
-        let p = prepared(&set);
-        let block = p.problem.blocks.iter().position(|b| b.group == "long").unwrap();
-        let Kind::Time(time) = &p.problem.blocks[block].kind else { panic!("a record") };
-        let base = &p.problem.base;
-        // To the middle of the last row.
-        let last = time.bins.last().unwrap();
-        let until = &time.time_s[..=last.from.midpoint(last.to - 1)];
-        let walked_s2: f64 = until.windows(2).map(|w| (w[1] - w[0]).powi(2)).sum();
-        let end_soc = p.problem.blocks[block].at.soc - 2700.0 / (3600.0 * base.ocv.capacity_ah);
-        let walk_v = current_noise_a * walked_s2.sqrt() * base.ocv.slope_v(end_soc) / (3600.0 * base.ocv.capacity_ah);
-        // What the same noise drops across the resistance at once.
-        let fresh_v = current_noise_a * base.erm.r_ohm / ((last.to - last.from) as f64).sqrt();
-        (*p.problem.floors[block].last().unwrap(), walk_v, fresh_v)
-    };
-    let ((quiet_v, ..), (noisy_v, walk_v, fresh_v)) = (noisy(0.0), noisy(0.2));
-    // The repeats, which have none of it, take a little of the white noise back.
-    let met_v = (noisy_v * noisy_v - quiet_v * quiet_v - fresh_v * fresh_v).sqrt();
-    assert!(walk_v > 3e-4 && (met_v / walk_v - 1.0).abs() < 0.15, "{met_v} V against {walk_v} V");
 }

@@ -50,7 +50,7 @@ fn samples() -> (Vec<f64>, Vec<f64>) {
 }
 
 fn record<'a>((time_s, current_a): (&'a [f64], &'a [f64]), is_cell: bool) -> Record<'a> {
-    Record { time_s, current_a, soc: 0.5, temperature_c: 25.0, order: 2.0, start_s: 600.0, is_cell, before_c: &[] }
+    Record { time_s, current_a, soc: 0.5, temperature_c: 25.0, order: 2.0, start_s: 600.0, is_cell, before: &[] }
 }
 
 fn point(freq_hz: f64, is_cell: bool) -> Point {

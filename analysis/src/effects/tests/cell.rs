@@ -1,7 +1,7 @@
 //! Formulas of the cell's effects.
 
-use super::super::Base;
 use super::super::charge_transfer::{Kinetics, greatest_beta, thermal_v};
+use super::super::{Base, Moved};
 use super::*;
 use std::f64::consts::{PI, TAU};
 
@@ -231,14 +231,14 @@ fn the_cell_warms_and_cools_by_its_balance() {
 fn a_hysteresis_is_carried_from_record_to_record() {
     let (m_v, gamma, first) = (0.02, 10.0, 0.6);
     let (capacity_c, soc) = (3600.0 * 4.5, 0.5);
-    let before_c = [800.0, -300.0];
-    // Up by 800 C towards 1, down by 300 C towards −1, and the record's own charge, all out.
+    let before = [Moved::one_way(800.0), Moved { charge_c: 0.0, through_c: 500.0 }, Moved::one_way(-300.0)];
+    // Up by 800 C towards 1, worn by 500 C of swings, down by 300 C towards −1, and the record's own charge, all out.
     let towards = |h: f64, end: f64, charge_c: f64| end + (h - end) * (-gamma * charge_c / capacity_c).exp();
-    let start = towards(towards(first, 1.0, 800.0), -1.0, 300.0);
+    let start = towards(towards(towards(first, 1.0, 800.0), 0.0, 500.0), -1.0, 300.0);
     let moved_c = PULSE_A * 60.0;
     let end = towards(start, -1.0, moved_c);
     let (trace, ocv) = (long(), base().ocv);
-    let record = Record { before_c: &before_c, ..trace.record(soc, 0.0) };
+    let record = Record { before: &before, ..trace.record(soc, 0.0) };
     let p = [m_v, gamma, 1.0, first];
     let added = [Added { effect: super::super::find("hysteresis").unwrap(), p: &p }];
     let (with, without) = (play(&added, &record, Between::Hold, 1), play(&[], &record, Between::Hold, 1));

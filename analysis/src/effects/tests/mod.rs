@@ -69,7 +69,7 @@ impl Trace {
 
     fn record(&self, soc: f64, order: f64) -> Record<'_> {
         let (time_s, current_a) = (&self.time_s[..], &self.current_a[..]);
-        Record { time_s, current_a, soc, temperature_c: 25.0, order, start_s: 1000.0 * order, is_cell: true, before_c: &[] }
+        Record { time_s, current_a, soc, temperature_c: 25.0, order, start_s: 1000.0 * order, is_cell: true, before: &[] }
     }
 }
 

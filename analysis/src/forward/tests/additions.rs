@@ -237,7 +237,7 @@ fn a_current_profile_agrees_with_the_player() {
         order: 0.0,
         start_s: 0.0,
         is_cell: true,
-        before_c: &[],
+        before: &[],
     };
     let (mut voltage_v, added): (Vec<f64>, Vec<Added<'_>>) = (Vec::new(), cell.of_the_cell());
     let grid = Grid::new(&time_s, Between::Hold);
