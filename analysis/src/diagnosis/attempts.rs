@@ -16,6 +16,8 @@ use crate::effects::outside;
 const DRIFT: f64 = 12.0;
 /// Starts with held shapes at the fit itself.
 const HELD_STARTS: usize = 2;
+/// Lagrange score from which on every start is tried: of so strong an effect the linear test does not know which shape it has.
+const STRONG: f64 = 300.0;
 
 /// A fitted addition.
 #[derive(Debug, Clone)]
@@ -125,32 +127,43 @@ impl Search<'_> {
         attempts.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))
     }
 
-    /// The best fit of a candidate's law with so many free parameters: from its most promising starts with the shapes held there, and from the best one with the
+    /// The best fit of a candidate's law with so many free parameters: from its most promising starts with the shapes held there, and from the best of them with the
     /// shapes free. What the shapes gain must be worth their number.
     fn attempt_law(&mut self, fit: &Fit, (name, free): (&str, usize), origins: &[Origin]) -> Option<Attempt> {
-        let mut best: Option<(Attempt, &Member)> = None;
+        let strong = origins[0].lagrange(name) > STRONG;
+        let mut all: Vec<(Attempt, &Member)> = Vec::new();
         for (n, origin) in origins.iter().enumerate() {
             let of_law = origin.of(name)?.iter().filter(|p| p.lagrange > 0.0 && p.member.free() == free);
-            for p in of_law.take(if n == 0 { HELD_STARTS } else { 1 }) {
-                let held = self.try_member(fit, (&origin.fit, &p.member.frozen()));
-                if best.as_ref().is_none_or(|(b, _)| held.score > b.score) {
-                    best = Some((held, &p.member));
-                }
-            }
+            let most = match n {
+                0 if strong => usize::MAX,
+                0 => HELD_STARTS,
+                _ => 1,
+            };
+            all.extend(of_law.take(most).map(|p| (self.try_member(fit, (&origin.fit, &p.member.frozen())), &p.member)));
         }
-        let (held, member) = best?;
+        all.sort_by(|a, b| b.0.score.total_cmp(&a.0.score));
+        let (held, member) = all.first()?.clone();
         if member.frozen().free() == member.free() {
             return Some(held);
         }
-        let strength = held.fit.decode(self.problem.branches()).1.pop().and_then(|v| v.first().copied()).unwrap_or(member.start[0]);
-        let mut start = member.start.clone();
-        start[0] = strength;
-        let free = self.try_member(fit, (&held.fit.base_of(fit), &member.from(&start)));
+        // A strong effect has minima between the starts' shapes: the best one is not always reached from the best start.
+        let other = all.iter().find(|(_, m)| strong && m.start[1..] != member.start[1..]);
+        let freed: Vec<Attempt> =
+            [Some(&all[0]), other].into_iter().flatten().map(|(held, member)| self.set_free(fit, held, member)).collect();
+        let free = freed.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))?;
         let bound = self.guards.bound && free.fit.member_at_bound(free.fit.structure.members.len() - 1, self.problem.branches());
         // Shapes that the data do not fix drift to a bound: they say nothing then.
         let drifted = bound && free.lambda < held.lambda + DRIFT;
         let distinct = held.score;
         Some(if drifted || held.score >= free.score { held } else { Attempt { distinct, ..free } })
+    }
+
+    /// The fit with the shapes free, from where it ended with them held.
+    fn set_free(&mut self, fit: &Fit, held: &Attempt, member: &Member) -> Attempt {
+        let strength = held.fit.decode(self.problem.branches()).1.pop().and_then(|v| v.first().copied()).unwrap_or(member.start[0]);
+        let mut start = member.start.clone();
+        start[0] = strength;
+        self.try_member(fit, (&held.fit.base_of(fit), &member.from(&start)))
     }
 
     /// A fit with one effect more than `before` has, from another fit's base.
