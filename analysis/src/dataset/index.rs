@@ -60,6 +60,9 @@ pub struct SweepEntry {
     /// Resistance between the lower tap of what was swept and the ground of the channels, Ω: the voltage of that tap's channel over the current.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub below_ohm: Option<f64>,
+    /// Inductance there, H.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub below_h: Option<f64>,
     /// Time of each point's record since the start of the sweep, in the order of the file, s.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub elapsed_s: Vec<f64>,

@@ -127,8 +127,8 @@ impl Search<'_> {
         attempts.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))
     }
 
-    /// The best fit of a candidate's law with so many free parameters: from its most promising starts with the shapes held there, and from the best of them with the
-    /// shapes free. What the shapes gain must be worth their number.
+    /// The best fit of a candidate's law with so many free parameters: from its most promising starts with the shapes held there, and from the best of them, of a strong
+    /// effect the best two, with the shapes free. What the shapes gain must be worth their number.
     fn attempt_law(&mut self, fit: &Fit, (name, free): (&str, usize), origins: &[Origin]) -> Option<Attempt> {
         let strong = origins[0].lagrange(name) > STRONG;
         let mut all: Vec<(Attempt, &Member)> = Vec::new();
@@ -141,6 +141,7 @@ impl Search<'_> {
             };
             all.extend(of_law.take(most).map(|p| (self.try_member(fit, (&origin.fit, &p.member.frozen())), &p.member)));
         }
+        all.retain(|(a, _)| a.score.is_finite());
         all.sort_by(|a, b| b.0.score.total_cmp(&a.0.score));
         let (held, member) = all.first()?.clone();
         if member.frozen().free() == member.free() {
@@ -150,8 +151,10 @@ impl Search<'_> {
         let other = all.iter().find(|(_, m)| strong && m.start[1..] != member.start[1..]);
         let freed: Vec<Attempt> =
             [Some(&all[0]), other].into_iter().flatten().map(|(held, member)| self.set_free(fit, held, member)).collect();
-        let free = freed.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))?;
-        let bound = self.guards.bound && free.fit.member_at_bound(free.fit.structure.members.len() - 1, self.problem.branches());
+        let at_bound = |a: &Attempt| self.guards.bound && a.fit.member_at_bound(a.fit.structure.members.len() - 1, self.problem.branches());
+        let worth = |a: &Attempt| a.score - if at_bound(a) { DRIFT } else { 0.0 };
+        let free = freed.into_iter().max_by(|a, b| worth(a).total_cmp(&worth(b)))?;
+        let bound = at_bound(&free);
         // Shapes that the data do not fix drift to a bound: they say nothing then.
         let drifted = bound && free.lambda < held.lambda + DRIFT;
         let distinct = held.score;

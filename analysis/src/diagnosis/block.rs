@@ -6,7 +6,7 @@
 use super::data::{Fixture, Role, Run, RunData, Start};
 use super::windows::Windows;
 use crate::augmented::{Added, Grid, Network, Player, impedance};
-use crate::effects::{Base, Moved, Point, Record};
+use crate::effects::{Base, Below, Moved, Point, Record};
 use num_complex::Complex64;
 
 /// Bins of a record at most; more are merged.
@@ -20,6 +20,8 @@ const ALIKE_S: f64 = 0.01;
 const EDGE_PART: f64 = 0.03;
 /// The same in standard deviations of what noise and codes make of a current that stays: repeats whose noise had edges would have rows that differ.
 const EDGE_SIGMAS: f64 = 5.0;
+/// Standard deviations by which a variance may be above that of noise.
+const NOISE_SIGMAS: f64 = 3.0;
 
 /// One run as the fit sees it.
 #[derive(Debug, Clone)]
@@ -84,7 +86,7 @@ pub(super) struct Bin {
     pub(super) time_s: f64,
     /// Time since the last edge, s.
     pub(super) since_edge_s: f64,
-    /// Mean current, A.
+    /// Mean current without the logger's noise, A.
     pub(super) current_a: f64,
     /// Charge drawn since the start of the record, C.
     pub(super) charge_c: f64,
@@ -138,7 +140,7 @@ impl Block {
             order: f64::from(run.order),
             start_s: run.start_s,
             is_cell,
-            below_ohm: if let RunData::Eis(sweep) = &run.data { sweep.below_ohm } else { 0.0 },
+            below: if let RunData::Eis(sweep) = &run.data { sweep.below } else { Below::default() },
         };
         let (kind, measured) = match &run.data {
             RunData::Eis(sweep) => {
@@ -228,11 +230,16 @@ impl Block {
         }
     }
 
-    /// Lets a planned sweep of the cell lie as far above the ground of the channels as the sweeps that were measured.
+    /// Lets a planned sweep lie as far above the ground of the channels as what was measured of its kind. A control that was not measured yet lies in the same jig as
+    /// the cell, but nobody told where: it is taken for no higher than its own resistance, so that a plan does not promise too much.
     pub(super) fn lies_as(&mut self, measured: &[Self]) {
-        let swept = |b: &&Self| b.at.is_cell && matches!(b.kind, Kind::Eis { .. });
-        let (Kind::Eis { points, .. }, Some(first), true) = (&mut self.kind, measured.iter().find(swept), self.at.is_cell) else { return };
-        points.iter_mut().for_each(|p| p.below_ohm = first.at.below_ohm);
+        let is_cell = self.at.is_cell;
+        let below = |cell: bool| measured.iter().find(|b| b.at.is_cell == cell && matches!(b.kind, Kind::Eis { .. })).map(|b| b.at.below);
+        let Kind::Eis { points, control_ohm, .. } = &mut self.kind else { return };
+        let guess = || below(true).map(|below| control_ohm.map_or(below, |own| Below { r_ohm: below.r_ohm.min(own), l_h: 0.0 }));
+        if let Some(below) = below(is_cell).or_else(guess) {
+            points.iter_mut().for_each(|p| p.below = below);
+        }
     }
 
     /// Tells each block which one before it has the same derivatives.
@@ -257,15 +264,14 @@ impl Block {
 
     /// Predicted rows, appended to `rows`.
     pub(super) fn predict(&self, model: (&Base, &[Added<'_>], &Network), parts: usize, desk: &mut Desk, rows: &mut Vec<f64>) {
-        self.predict_under(Current::Logged, model, parts, desk, rows);
+        self.predict_under(model, (Current::Logged, parts), desk, rows);
     }
 
     /// The same under the current as it was logged or driven.
     pub(super) fn predict_under(
         &self,
-        current: Current,
         (base, added, network): (&Base, &[Added<'_>], &Network),
-        parts: usize,
+        (current, parts): (Current, usize),
         desk: &mut Desk,
         rows: &mut Vec<f64>,
     ) {
@@ -301,7 +307,9 @@ impl TimeBlock {
         let time_s: Vec<f64> = s.time_s.iter().map(|t| t - start_s).collect();
         let linear = record.between == crate::augmented::Between::Linear;
         let edges = edges(&s.current_a, jitter_a);
-        let driven_a = driven(&s.current_a, &edges, jitter_a);
+        // Rows that are means have less noise than the bench's samples, and it is not told how much.
+        let sampled = record.sigma_v.is_none() && record.averaged_s.is_none();
+        let driven_a = driven(&s.current_a, &edges, if sampled { jitter_a } else { 0.0 });
         let mut bins = bins(&time_s, (&s.current_a, &driven_a), &edges);
         if let Some(sigma_v) = &record.sigma_v {
             let count = |b: &Bin| (b.to - b.from) as f64;
@@ -350,15 +358,20 @@ fn edges(current_a: &[f64], jitter_a: f64) -> Vec<usize> {
     std::iter::once(0).chain(changes).collect()
 }
 
-/// The current without noise: constant where it stays between two edges.
+/// The current without noise: constant where it stays between two edges and differs from its mean by no more than white noise does.
 fn driven(current_a: &[f64], edges: &[usize], jitter_a: f64) -> Vec<f64> {
     let mut driven_a = current_a.to_vec();
     let ends = edges.iter().skip(1).copied().chain([current_a.len()]);
     for (from, to) in edges.iter().copied().zip(ends) {
         let stretch = &mut driven_a[from..to];
-        let mean = stretch.iter().sum::<f64>() / stretch.len() as f64;
-        let variance = stretch.iter().map(|i| (i - mean).powi(2)).sum::<f64>() / stretch.len() as f64;
-        if variance.sqrt() <= jitter_a {
+        let n = stretch.len() as f64;
+        let mean = stretch.iter().sum::<f64>() / n;
+        let variance = stretch.iter().map(|i| (i - mean).powi(2)).sum::<f64>() / n;
+        // Successive samples of white noise differ by twice its variance, what settles differs by less.
+        let by_steps = stretch.windows(2).map(|w| 0.5 * (w[1] - w[0]).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        let scatter = NOISE_SIGMAS / n.sqrt();
+        let white = variance <= by_steps * (1.0 + scatter);
+        if white && variance <= 0.5 * jitter_a * jitter_a * (1.0 + 2f64.sqrt() * scatter) {
             stretch.fill(mean);
         }
     }

@@ -8,6 +8,8 @@ use crate::effects::{Moved, Point};
 const LEAST_BETWEEN: f64 = 0.01;
 /// Charge that must flow back to be a reversal, as a part of the capacity.
 const LEAST_REVERSAL: f64 = 1e-4;
+/// Times of two points of a sweep that are apart by so many times as much as most: it was interrupted.
+const INTERRUPTED: f64 = 10.0;
 
 impl Block {
     /// Adds what it moves through the cell and says how much of it stays there, C.
@@ -15,7 +17,7 @@ impl Block {
         let time = match &self.kind {
             Kind::Time(time) => time,
             Kind::Eis { points, .. } => {
-                all.swing(swung_c(points));
+                all.swing(swung_c(self.at.start_s, points));
                 return 0.0;
             }
         };
@@ -33,7 +35,8 @@ impl Block {
     pub(super) fn charge_until(&self, soc: f64, capacity_ah: f64) -> Vec<Moved> {
         let mut all = Stretches { all: self.before.clone(), ..Stretches::new(capacity_ah) };
         let own_soc = self.at.soc + self.add_charge(&mut all) / (3600.0 * capacity_ah);
-        all.add_between(soc - own_soc, capacity_ah);
+        // Where a planned run begins is asked for, not read from a voltage.
+        all.add((soc - own_soc) * 3600.0 * capacity_ah);
         all.all
     }
 
@@ -41,7 +44,10 @@ impl Block {
     pub(super) fn tell_charge(blocks: &mut [Self], capacity_ah: f64) {
         let (mut all, mut soc) = (Stretches::new(capacity_ah), None);
         for block in blocks.iter_mut().filter(|b| b.at.is_cell) {
-            all.add_between(soc.map_or(0.0, |soc: f64| block.at.soc - soc), capacity_ah);
+            let between = soc.map_or(0.0, |soc: f64| block.at.soc - soc);
+            if between.abs() > LEAST_BETWEEN {
+                all.add(between * 3600.0 * capacity_ah);
+            }
             block.before.clone_from(&all.all);
             soc = Some(block.at.soc + block.add_charge(&mut all) / (3600.0 * capacity_ah));
         }
@@ -49,14 +55,21 @@ impl Block {
 }
 
 /// What a sweep's current puts in and takes out, C: the mean size of a sine is 2/π of its amplitude, and the times of its points say how long each lasted. None
-/// where amplitude or times are not known.
-fn swung_c(points: &[Point]) -> f64 {
+/// where amplitude or times are not known, or where a direct current flows under it.
+fn swung_c(start_s: f64, points: &[Point]) -> f64 {
     let mut visited: Vec<(f64, f64)> = points.iter().map(|p| (p.start_s, p.amplitude_a.unwrap_or(0.0))).collect();
     visited.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let each: Vec<f64> = visited.windows(2).map(|w| w[1].1 * (w[1].0 - w[0].0)).collect();
+    let mut spans_s: Vec<f64> = visited.windows(2).map(|w| w[1].0 - w[0].0).collect();
+    let (Some(first_s), Some(last_s), true) = (spans_s.first(), spans_s.last(), points.iter().all(|p| p.bias_a == 0.0)) else { return 0.0 };
     // Before the first point the cell rested, for how long is not told; a point's time is the middle of its capture.
-    let (first, last) = (each.first().copied().unwrap_or(0.0), each.last().copied().unwrap_or(0.0));
-    std::f64::consts::FRAC_2_PI * (first + each.iter().sum::<f64>() + 0.5 * last)
+    let (first_s, last_s) = (first_s.min(visited[0].0 - start_s), 0.5 * last_s);
+    spans_s.insert(0, first_s);
+    // A sweep that was interrupted went on much later.
+    let mut sorted = spans_s.clone();
+    sorted.sort_by(f64::total_cmp);
+    let longest_s = INTERRUPTED * sorted[sorted.len() / 2];
+    let swung: f64 = spans_s.iter().zip(&visited).map(|(span_s, (_, amplitude_a))| amplitude_a * span_s.min(longest_s)).sum();
+    std::f64::consts::FRAC_2_PI * (swung + visited[visited.len() - 1].1 * last_s.min(longest_s))
 }
 
 /// Charges without a reversal, and swings between them.
@@ -80,13 +93,6 @@ impl Stretches {
             }
             _ if self.back_c.abs() > self.least_c => self.all.push(Moved::one_way(std::mem::take(&mut self.back_c))),
             _ => {}
-        }
-    }
-
-    /// What a state of charge says that has flown while nothing was recorded.
-    fn add_between(&mut self, soc: f64, capacity_ah: f64) {
-        if soc.abs() > LEAST_BETWEEN {
-            self.add(soc * 3600.0 * capacity_ah);
         }
     }
 

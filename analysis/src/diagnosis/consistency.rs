@@ -63,7 +63,7 @@ pub(super) fn inconsistencies(problem: &Problem, (base, fit): (&Fit, &Fit), desk
     let tangent = problem.exact_tangent(fit, desk);
     let mut found: Vec<Inconsistency> = Vec::new();
     let predict = |current, x: &[f64], desk: &mut Desk| -> Vec<Vec<f64>> {
-        train.iter().map(|k| problem.predict_under(current, (&fit.structure, x), *k, 1, desk)).collect()
+        train.iter().map(|k| problem.predict_under((&fit.structure, x), *k, (current, 1), desk)).collect()
     };
     let plain = predict(Current::Logged, &fit.x, desk);
     let left = free_of_current_noise(problem, (&train, &plain, &predict(Current::Driven, &fit.x, desk)), &fit.residuals);

@@ -3,6 +3,7 @@
 use super::edges::UNIFORM;
 use crate::augmented::Between;
 use crate::calibration::CommonError;
+use crate::effects::Below;
 use crate::series::TimeSeries;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
@@ -79,8 +80,8 @@ pub enum RunData {
 pub struct Sweep {
     /// Direct current under the sweep, A, discharge positive.
     pub bias_a: f64,
-    /// Resistance between the lower tap of what was swept and the ground of the channels, Ω; 0 where it is not stated.
-    pub below_ohm: f64,
+    /// What lies between the lower tap of what was swept and the ground of the channels; nothing where it is not stated.
+    pub below: Below,
     /// Time of each point since the start of the run, s; empty where it is not told.
     pub elapsed_s: Vec<f64>,
     /// Its points, by rising frequency.

@@ -3,7 +3,8 @@
 //!
 //! With n the noise of a sample, held until the next one after Δt, component p follows vₚ ← aₚ·vₚ + gₚ·n: aₚ = e^(−Δt/τₚ) and gₚ = Rₚ·(1 − aₚ) for a branch,
 //! aₚ = 1 and gₚ = Δt for the charge, whose voltage is its product with the curve's slope per charge. Rows are means over samples of R·n + Σ uₚ·vₚ. The covariances
-//! of the components with each other, S ← a·S·aᵀ + σ²·g·gᵀ, and of every row with them are carried from sample to sample, so that nothing is approximated.
+//! of the components with each other, S ← a·S·aᵀ + σ²·g·gᵀ, and of every row with them are carried from sample to sample. A current that goes along a line between
+//! samples is taken as held, and branches of effects are left out.
 
 use super::block::{Bin, Block, TimeBlock};
 use super::whitening::dot;
@@ -45,9 +46,9 @@ pub(super) fn covariance((block, time): (&Block, &TimeBlock), base: &Base, varia
         let step_s = next_s - time.time_s[k];
         let stays: Vec<f64> = branches.iter().map(|b| (-step_s / b.time_constant_s()).exp()).chain([1.0]).collect();
         let gains: Vec<f64> = branches.iter().zip(&stays).map(|(b, a)| b.r_ohm * (1.0 - a)).chain([step_s]).collect();
-        for pq in 0..count * count {
+        for (pq, s) in state.iter_mut().enumerate() {
             let (p, q) = (pq / count, pq % count);
-            state[pq] = stays[p] * stays[q] * state[pq] + variance_a2 * gains[p] * gains[q];
+            *s = stays[p] * stays[q] * *s + variance_a2 * gains[p] * gains[q];
         }
         for with in &mut with {
             with.iter_mut().zip(&stays).for_each(|(w, a)| *w *= a);

@@ -168,7 +168,8 @@ impl Shape {
         let stated = time.bins.iter().any(|b| b.stated_v2 > 0.0);
         let fresh_a2 = current_variance_a2(h);
         let codes = Codes { step: h.voltage_resolution_v, sigma: if stated { f64::INFINITY } else { h.voltage_noise_v } };
-        let fixed_v = codes.fresh() + fresh_a2 * base.erm.r_ohm.powi(2) + 1e-14;
+        let own_a2 = if stated { h.current_noise_a.powi(2) } else { fresh_a2 };
+        let fixed_v = codes.fresh() + own_a2 * base.erm.r_ohm.powi(2) + 1e-14;
         let mut respond = |change: &dyn Fn(usize, f64) -> f64, scale: f64| {
             let current_a: Vec<f64> = time.current_a.iter().enumerate().map(|(k, i)| i + change(k, *i)).collect();
             block.play(time, (base, added), &current_a, (1, &mut *desk));

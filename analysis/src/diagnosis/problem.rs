@@ -106,23 +106,23 @@ impl Problem {
 
     /// Predicted rows of one block, every step divided into `parts` times as many as the structure wants.
     pub(super) fn predict(&self, (structure, x): (&Structure, &[f64]), block: usize, parts: usize, desk: &mut Desk) -> Vec<f64> {
-        self.predict_under(Current::Logged, (structure, x), block, parts, desk)
+        self.predict_under((structure, x), block, (Current::Logged, parts), desk)
     }
 
     /// The same under the current as it was logged or driven.
     pub(super) fn predict_under(
         &self,
-        current: Current,
         (structure, x): (&Structure, &[f64]),
         block: usize,
-        parts: usize,
+        (current, parts): (Current, usize),
         desk: &mut Desk,
     ) -> Vec<f64> {
         let (erm, values) = structure.decode(x, self.branches());
         let base = self.base_with(erm);
         let added = structure.added(&values);
         let mut rows = Vec::with_capacity(self.blocks[block].rows());
-        self.blocks[block].predict_under(current, (&base, &added, &network(&base, &added)), structure.parts * parts, desk, &mut rows);
+        let model = (&base, added.as_slice(), &network(&base, &added));
+        self.blocks[block].predict_under(model, (current, structure.parts * parts), desk, &mut rows);
         rows
     }
 

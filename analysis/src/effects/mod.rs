@@ -50,7 +50,7 @@ pub use catalogue::{catalogue, find};
 pub(crate) use outside::outside;
 pub use quantity::{Parameter, Range, Scale};
 pub(crate) use resistance_spread::resistance_spread;
-pub use situation::{Base, Facts, Instant, Modulation, Moved, Point, Record};
+pub use situation::{Base, Below, Facts, Instant, Modulation, Moved, Point, Record};
 
 use crate::augmented::Network;
 use num_complex::Complex64;

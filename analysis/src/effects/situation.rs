@@ -92,8 +92,24 @@ pub struct Point {
     pub start_s: f64,
     /// False for a control impedance in the jig: only the bench acts then.
     pub is_cell: bool,
-    /// Resistance between the lower tap of what was swept and the ground of the channels, Ω; 0 where a channel sees the difference of both taps.
-    pub below_ohm: f64,
+    /// What lies below what was swept.
+    pub below: Below,
+}
+
+/// What lies between the lower tap of what was swept and the ground of the channels; nothing where a channel sees the difference of both taps.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Below {
+    /// Resistance, Ω.
+    pub r_ohm: f64,
+    /// Inductance, H.
+    pub l_h: f64,
+}
+
+impl Below {
+    /// Its impedance, Ω.
+    pub fn impedance(&self, freq_hz: f64) -> Complex64 {
+        Complex64::new(self.r_ohm, std::f64::consts::TAU * freq_hz * self.l_h)
+    }
 }
 
 /// One record in time and the circumstances of its run.

@@ -9,7 +9,7 @@ static CARD: Card = Card {
     group: Group::Bench,
     mechanism: "Voltage and current are not sampled at the same instant: different delays of probes, amplifiers or channels.",
     state_equation: "u(t) → u(t − Δt); Δt in s, positive where the voltage comes late",
-    impedance: "Z → Z·exp(−jωΔt); with two channels against ground, of which one is late, (Z + R)·exp(−jωΔt) − R or Z + R − R·exp(−jωΔt), R in Ω what lies \
+    impedance: "Z → Z·exp(−jωΔt); with two channels against ground, of which one is late, (Z + R)·exp(−jωΔt) − R or Z + R − R·exp(−jωΔt), R in Ω the impedance of what lies \
         between the lower tap and the ground",
     source: "delay theorem of the Fourier transform",
     signature: "phase proportional to the frequency at the top of the band, on every impedance alike",
@@ -39,7 +39,7 @@ impl Effect for TimeSkew {
 
     fn impedance(&self, p: &[f64], _base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
         let late = Complex64::cis(-std::f64::consts::TAU * at.freq_hz * p[0]);
-        let below_ohm = at.below_ohm;
+        let below_ohm = at.below.impedance(at.freq_hz);
         match p[1].round() as u8 {
             0 => z_ohm * late,
             1 => (z_ohm + below_ohm) * late - below_ohm,

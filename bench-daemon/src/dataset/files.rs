@@ -9,6 +9,7 @@ use std::{
 use analysis::{
     dataset::TRACE_COLUMNS,
     diagnosis::{Sweep, SweepPoint},
+    effects::Below,
     formats::{CurrentSign, FormatError, SeriesOptions, SeriesReadError, SourcedSpectrum, read_series, read_sourced},
     series::{SeriesError, TimeSeries},
     spectrum::Spectrum,
@@ -81,7 +82,7 @@ pub(super) fn sweep(spectrum: &Spectrum, bias_a: f64, amplitude_a: Option<f64>) 
             amplitude_a: Some(point.amplitude_a).filter(|a| a.is_finite()).or(amplitude_a),
         }
     });
-    Sweep { bias_a, below_ohm: 0.0, elapsed_s: Vec::new(), points: points.collect() }
+    Sweep { bias_a, below: Below::default(), elapsed_s: Vec::new(), points: points.collect() }
 }
 
 /// Column of a record in time that states the standard deviation of each voltage.

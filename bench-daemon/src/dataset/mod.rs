@@ -20,7 +20,7 @@
 //! | `level_sigma_v` | how badly the open-circuit voltage at the start is known, V; gaps are then taken about their mean | 0 |
 //! | `from_hz`, `to_hz` | part of a sweep | all |
 //! | `bias_a`, `amplitude_a` | direct current and amplitude of a sweep | as the file tells, else 0 and unknown |
-//! | `below_ohm` | resistance between the lower tap and the ground of the channels, Ω, where each tap has a channel of its own | 0 |
+//! | `below_ohm`, `below_h` | resistance (Ω) and inductance (H) between the lower tap and the ground of the channels, where each tap has a channel of its own | 0 |
 //! | `elapsed_s` | time of each of the sweep's points since its start, s, in the order of frequencies | unknown |
 //! | `spectrum` | which one, where the file holds several; else the one at `bias_a` | |
 //!

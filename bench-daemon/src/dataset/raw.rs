@@ -46,6 +46,7 @@ pub(super) struct Run {
     pub(super) to_hz: Option<f64>,
     pub(super) bias_a: Option<f64>,
     pub(super) below_ohm: Option<f64>,
+    pub(super) below_h: Option<f64>,
     pub(super) elapsed_s: Option<Vec<f64>>,
     pub(super) amplitude_a: Option<f64>,
     pub(super) spectrum: Option<String>,

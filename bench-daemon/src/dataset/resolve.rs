@@ -5,6 +5,7 @@ use std::{ops::RangeInclusive, path::Path};
 use analysis::{
     augmented::Between,
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
+    effects::Below,
     formats::{CurrentSign, SourcedSpectrum},
     series::TimeSeries,
 };
@@ -202,7 +203,8 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<RunData, String>, Confi
     let bias_a = stated_a.or(chosen.origin.bias_a).unwrap_or(0.0);
     // −0 and 0 are one bias.
     let mut sweep = files::sweep(&chosen.spectrum, 0.0 - bias_a, amplitude_a);
-    sweep.below_ohm = at.finite("below_ohm", entry.below_ohm)?.unwrap_or(0.0);
+    let below = |field, stated| at.finite(field, stated).map(|value| value.unwrap_or(0.0));
+    sweep.below = Below { r_ohm: below("below_ohm", entry.below_ohm)?, l_h: below("below_h", entry.below_h)? };
     sweep.elapsed_s = entry.elapsed_s.clone().unwrap_or_default();
     if let Some(odd) = sweep.elapsed_s.iter().find(|t| !t.is_finite() || **t < 0.0) {
         return Err(at.complain("elapsed_s", format!("expected times of 0 s or more, found {odd}")));
@@ -313,6 +315,7 @@ impl At<'_> {
                 vec![
                     ("bias_a", entry.bias_a.is_some()),
                     ("below_ohm", entry.below_ohm.is_some()),
+                    ("below_h", entry.below_h.is_some()),
                     ("elapsed_s", entry.elapsed_s.is_some()),
                     ("from_hz", entry.from_hz.is_some()),
                     ("to_hz", entry.to_hz.is_some()),

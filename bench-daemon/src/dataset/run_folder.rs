@@ -9,6 +9,7 @@ use analysis::{
     calibration::CommonError,
     dataset::{TraceRow, read_trace_csv},
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
+    effects::Below,
     series::TimeSeries,
 };
 use serde::Deserialize;
@@ -99,6 +100,8 @@ struct SweepEntry {
     #[serde(default)]
     below_ohm: Option<f64>,
     #[serde(default)]
+    below_h: Option<f64>,
+    #[serde(default)]
     elapsed_s: Vec<f64>,
 }
 
@@ -165,7 +168,7 @@ impl Reader<'_> {
         let Some(mut data) = self.spectrum(&entry.file, &name)? else { return Ok(()) };
         self.loaded.set.calibration = self.loaded.set.calibration.or(entry.common_error);
         if let RunData::Eis(sweep) = &mut data {
-            sweep.below_ohm = entry.below_ohm.unwrap_or(0.0);
+            sweep.below = Below { r_ohm: entry.below_ohm.unwrap_or(0.0), l_h: entry.below_h.unwrap_or(0.0) };
             if sweep.points.len() == entry.elapsed_s.len() {
                 sweep.elapsed_s.clone_from(&entry.elapsed_s);
             }

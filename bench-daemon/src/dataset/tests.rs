@@ -4,6 +4,7 @@ use analysis::{
     augmented::Between,
     calibration::CommonError,
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord},
+    effects::Below,
     series::TimeSeries,
 };
 use num_complex::Complex64;
@@ -186,7 +187,7 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
     };
     let sweep = Sweep {
         bias_a: 2.0,
-        below_ohm: 0.04,
+        below: Below { r_ohm: 0.04, l_h: 7e-7 },
         elapsed_s: vec![30.0, 12.5],
         points: vec![point(0.1, None, None), point(0.2, None, Some(1.0))],
     };
@@ -266,7 +267,7 @@ fn a_run_folder_with_an_index_gives_its_sweeps_and_traces() {
     let index = r#"{"cell": "P45B", "capacity_c": 16200.0,
         "sweeps": [{"file": "spectrum.csv", "fixture": "cell", "fixture_ohm": null, "corrected": true, "amplitude_a": 1.0, "repeat": 1, "order": 0,
                     "start_time_s": 100.0, "start_ocv_v": 3.72, "temperature_c": 25.0, "role": "train", "repeat_group": "eis",
-                    "own_sigma_ohm": [[1e-6, 2e-6], [3e-6, 4e-6]], "below_ohm": 0.035, "elapsed_s": [60.0, 20.0], "common_error":
+                    "own_sigma_ohm": [[1e-6, 2e-6], [3e-6, 4e-6]], "below_ohm": 0.035, "below_h": 8e-7, "elapsed_s": [60.0, 20.0], "common_error":
                     {"skew_s": [5e-7, 0, 0, 0, 0], "inductance_h": [1e-9, 2e-9, 0, 0, 0], "square_ohm_s2": [0, 0, 0, 0, 0],
                      "at_shunt_h": [0, 0, 0, 0, 0], "at_shunt_ohm_s2": [0, 0, 0, 0, 0]}}],
         "traces": [{"file": "series_pulse_1.bdf.csv", "name": "pulse", "repeat": 1, "order": 1, "start_time_s": 160.0, "start_ocv_v": 3.7,
@@ -292,7 +293,7 @@ fn a_run_folder_with_an_index_gives_its_sweeps_and_traces() {
     let [sweep, pulse] = loaded.set.runs.as_slice() else { panic!("{loaded:?}") };
     assert_eq!((sweep.name.as_str(), sweep.start, sweep.start_s), ("spectrum", Start::Ocv(3.72), 0.0));
     assert_eq!(points(sweep).points[1].sigma_ohm, Some((3e-6, 4e-6)), "of its own records");
-    assert_eq!((points(sweep).below_ohm, &points(sweep).elapsed_s), (0.035, &vec![60.0, 20.0]));
+    assert_eq!((points(sweep).below, &points(sweep).elapsed_s), (Below { r_ohm: 0.035, l_h: 8e-7 }, &vec![60.0, 20.0]));
     assert_eq!(loaded.set.calibration.map(|left| (left.skew_s[0], left.inductance_h[1])), Some((5e-7, 2e-9)));
     assert_eq!(loaded.set.history.map(|history| history.eis_noise_rel), Some(7e-5), "of the bench's file");
     assert_eq!(series(pulse).averaged_s, None, "an older run does not tell windows");

@@ -72,7 +72,12 @@ fn entry(run: &Run, file: &str) -> String {
         // −0 and 0 are one bias.
         RunData::Eis(sweep) => (
             "eis",
-            vec![("bias_a", json!(0.0 - sweep.bias_a)), ("below_ohm", json!(sweep.below_ohm)), ("elapsed_s", json!(sweep.elapsed_s))],
+            vec![
+                ("bias_a", json!(0.0 - sweep.bias_a)),
+                ("below_ohm", json!(sweep.below.r_ohm)),
+                ("below_h", json!(sweep.below.l_h)),
+                ("elapsed_s", json!(sweep.elapsed_s)),
+            ],
         ),
     };
     let fields = [

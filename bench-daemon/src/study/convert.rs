@@ -3,6 +3,7 @@
 use analysis::{
     augmented::Between,
     diagnosis::{BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord},
+    effects::Below,
     fit::{Bounds, FitOptions, Objective, fit_erm},
     ocv::OcvCurve,
     series::TimeSeries,
@@ -61,7 +62,7 @@ pub fn run(run: &hidden::Run) -> Run {
                 })
                 .collect();
             points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
-            RunData::Eis(Sweep { bias_a: 0.0, below_ohm: 0.0, elapsed_s: Vec::new(), points })
+            RunData::Eis(Sweep { bias_a: 0.0, below: Below::default(), elapsed_s: Vec::new(), points })
         }
         hidden::RunData::Time { time_s, current_a, voltage_v, temperature_c } => {
             let series = TimeSeries {

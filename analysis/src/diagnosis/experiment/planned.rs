@@ -2,6 +2,7 @@
 
 use crate::augmented::Between;
 use crate::diagnosis::data::{Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
+use crate::effects::Below;
 use crate::series::TimeSeries;
 use num_complex::Complex64;
 
@@ -124,7 +125,12 @@ impl PlannedRun {
             }
             Planned::Eis { freq_hz, amplitude_a } => {
                 let point = |f: &f64| SweepPoint { freq_hz: *f, z_ohm: Complex64::ZERO, sigma_ohm: None, amplitude_a: Some(*amplitude_a) };
-                RunData::Eis(Sweep { bias_a: 0.0, below_ohm: 0.0, elapsed_s: Vec::new(), points: freq_hz.iter().map(point).collect() })
+                RunData::Eis(Sweep {
+                    bias_a: 0.0,
+                    below: Below::default(),
+                    elapsed_s: Vec::new(),
+                    points: freq_hz.iter().map(point).collect(),
+                })
             }
         };
         Run {

@@ -4,6 +4,7 @@
 
 use crate::augmented::Between;
 use crate::diagnosis::{BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
+use crate::effects::Below;
 use crate::model::{Erm, RcBranch};
 use crate::ocv::OcvCurve;
 use crate::series::TimeSeries;
@@ -152,7 +153,7 @@ pub(super) fn sweep(hidden: &Hidden, chance: &mut Chance) -> Sweep {
             SweepPoint { freq_hz, z_ohm: z, sigma_ohm: None, amplitude_a: Some(1.0) }
         })
         .collect();
-    Sweep { bias_a: 0.0, below_ohm: 0.0, elapsed_s: Vec::new(), points }
+    Sweep { bias_a: 0.0, below: Below::default(), elapsed_s: Vec::new(), points }
 }
 
 /// Three repeats of sweeps, pulses and a long discharge to train on, two blocks held out. `held_out` may hide something else.

@@ -7,6 +7,7 @@ use crate::diagnosis::followed;
 use crate::diagnosis::guards::Guards;
 use crate::diagnosis::prepare::prepare;
 use crate::diagnosis::{DiagnosisOptions, Verdict, diagnose};
+use crate::series::TimeSeries;
 
 /// A long discharge of a campaign.
 fn long(set: &DataSet, with: impl FnOnce(&Block, &TimeBlock)) {
@@ -92,4 +93,33 @@ fn noise_of_the_current_says_nothing_of_a_resistance() {
         d.noise,
         d.where_after.iter().take(5).collect::<Vec<_>>()
     );
+}
+
+/// A supply that settles by less than the noise within a second is no noise: its current stays as it was logged.
+#[test]
+fn a_current_that_settles_is_no_noise() {
+    let mut chance = Chance::new(4);
+    let sigma_a = 0.05;
+    let mut driven = |settling_a: f64| {
+        let logged: Vec<f64> = (0..400)
+            .map(|k| if k < 100 { 0.0 } else { 5.0 + settling_a * (-f64::from(k - 100) / 60.0).exp() } + sigma_a * chance.normal())
+            .collect();
+        let (mut set, history) =
+            (campaign(5, &Hidden::default(), &Hidden::default()), BenchHistory { current_noise_a: sigma_a, ..HISTORY });
+        let RunData::Time(record) = &mut set.runs[1].data else { panic!("a record") };
+        record.series = TimeSeries {
+            name: "s".to_owned(),
+            time_s: (0..400).map(f64::from).collect(),
+            voltage_v: vec![3.7; 400],
+            current_a: logged,
+            temperature_c: None,
+        };
+        set.history = Some(history);
+        let p = prepare(&set, &model(), Guards::default()).unwrap();
+        let block = p.problem.blocks.iter().find(|b| b.name == set.runs[1].name).unwrap();
+        let Kind::Time(time) = &block.kind else { panic!("a record") };
+        let under = &time.bins[time.bins.len() - 3..];
+        under.iter().all(|bin| (bin.current_a - under[0].current_a).abs() < 1e-9)
+    };
+    assert!(driven(0.0) && !driven(0.1));
 }

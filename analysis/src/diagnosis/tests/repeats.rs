@@ -11,7 +11,7 @@ use crate::diagnosis::problem::Problem;
 use crate::diagnosis::propose::direction;
 use crate::diagnosis::structure::variants;
 use crate::diagnosis::whitening::dot;
-use crate::effects::{Moved, find};
+use crate::effects::{Below, Moved, find};
 use crate::series::TimeSeries;
 use num_complex::Complex64;
 
@@ -111,18 +111,23 @@ fn charge_is_told_in_stretches_without_a_reversal() {
     assert!(near(&of(2), &[-100.0, 1680.0, -100.0, 60.0]), "{:?}", of(2));
 }
 
-/// A sweep of 2 A at two frequencies, measured in the middle of what lasted 100 s and 60 s, after a rest of which nothing is told.
+/// A sweep of 2 A at four frequencies, measured 80 s after each other, after a rest of which nothing is told and with a break of a day.
 #[test]
 fn a_sweep_moves_charge_to_and_fro() {
     let point = |freq_hz: f64| SweepPoint { freq_hz, z_ohm: Complex64::new(0.01, 0.0), sigma_ohm: None, amplitude_a: Some(2.0) };
-    let sweep = Sweep { bias_a: 0.0, below_ohm: 0.0, elapsed_s: vec![1080.0, 1000.0], points: vec![point(0.1), point(1.0)] };
+    let sweep = Sweep {
+        bias_a: 0.0,
+        below: Below::default(),
+        elapsed_s: vec![87_480.0, 1160.0, 1080.0, 1000.0],
+        points: [0.1, 1.0, 10.0, 100.0].map(point).to_vec(),
+    };
     let swept = Run { data: RunData::Eis(sweep), ..run(vec![0.0, 0.0], 1, 0.5) };
     let out: Vec<f64> = toggling(5.0, 20).chain(toggling(0.0, 5)).collect();
     let runs = vec![run(out, 0, 0.5), swept, run(vec![5.0; 20], 2, 0.5), run(vec![0.0, 0.0], 3, 0.5)];
     let p = prepared(&DataSet { name: "t".to_owned(), runs, history: None, calibration: None });
     let met = &p.problem.blocks[3].before;
-    // 80 s from point to point, as long for the first, and half of it after the last.
-    let through_c = 2.0 * std::f64::consts::FRAC_2_PI * (80.0 + 80.0 + 40.0);
+    // 80 s from point to point and as long for the first; what is longer than ten times as long, and its half after the last point, are no more than that.
+    let through_c = 2.0 * std::f64::consts::FRAC_2_PI * (80.0 + 80.0 + 80.0 + 800.0 + 800.0);
     let expected = [Moved::one_way(-100.0), Moved { charge_c: 0.0, through_c }, Moved::one_way(-95.0)];
     assert_eq!(met.len(), 3, "{met:?}");
     for (met, expected) in met.iter().zip(expected) {

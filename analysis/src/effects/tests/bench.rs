@@ -1,11 +1,14 @@
 //! The formulas of the bench's effects.
 
 use crate::augmented::{Added, Between, Grid, Player, impedance, network, storage_ohm};
-use crate::effects::{Base, Effect, Facts, Group, Point, Record, Scale, catalogue, find};
+use crate::effects::{Base, Below, Effect, Facts, Group, Point, Record, Scale, catalogue, find};
 use crate::model::{Erm, RcBranch};
 use crate::ocv::OcvCurve;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
+
+/// What lies below everything that is swept.
+const BELOW: Below = Below { r_ohm: 0.08, l_h: 1e-6 };
 
 fn base() -> Base {
     let branch = |r_ohm: f64, tau_s: f64| RcBranch { r_ohm, c_f: tau_s / r_ohm };
@@ -54,17 +57,7 @@ fn record<'a>((time_s, current_a): (&'a [f64], &'a [f64]), is_cell: bool) -> Rec
 }
 
 fn point(freq_hz: f64, is_cell: bool) -> Point {
-    Point {
-        freq_hz,
-        amplitude_a: Some(1.0),
-        bias_a: 0.0,
-        soc: 0.5,
-        temperature_c: 25.0,
-        order: 0.0,
-        start_s: 0.0,
-        is_cell,
-        below_ohm: 0.08,
-    }
+    Point { freq_hz, amplitude_a: Some(1.0), bias_a: 0.0, soc: 0.5, temperature_c: 25.0, order: 0.0, start_s: 0.0, is_cell, below: BELOW }
 }
 
 fn play(added: &[Added<'_>], is_cell: bool) -> Vec<f64> {
@@ -166,14 +159,15 @@ fn impedances_follow_their_formulas() {
     let f = 200.0;
     let (z, jw) = (Complex64::new(9e-3, -1e-3), Complex64::new(0.0, TAU * f));
     let w0 = TAU * 1000.0;
-    let late = |z: Complex64, below: f64| (z + below) * (jw * 3e-6).exp() - below;
+    let below = BELOW.r_ohm + jw * BELOW.l_h;
+    let late = |z: Complex64, below: Complex64| (z + below) * (jw * 3e-6).exp() - below;
     let cases: [(&str, Vec<f64>, Complex64, Complex64); 7] = [
         ("inductance", vec![2e-7], z + jw * 2e-7, z),
         ("inductance_lossy", vec![2e-7, 0.6], z + w0 * 2e-7 * (0.6 * (jw / w0).ln()).exp(), z),
         ("time_skew", vec![-3e-6, 0.0], z * (jw * 3e-6).exp(), z * (jw * 3e-6).exp()),
         // One channel of two, and what lies below the cell: on a control alike.
-        ("time_skew", vec![-3e-6, 1.0], late(z, 0.08), late(z, 0.08)),
-        ("time_skew", vec![-3e-6, 2.0], z + late(Complex64::ZERO, 0.0) - late(Complex64::ZERO, 0.08), z - late(Complex64::ZERO, 0.08)),
+        ("time_skew", vec![-3e-6, 1.0], late(z, below), late(z, below)),
+        ("time_skew", vec![-3e-6, 2.0], z - late(Complex64::ZERO, below), z - late(Complex64::ZERO, below)),
         ("channel_bandwidth", vec![1e-4], z / (1.0 + jw * 1e-4), z / (1.0 + jw * 1e-4)),
         ("contact_resistance", vec![4e-4], z + 4e-4, z),
     ];

@@ -4,7 +4,7 @@ mod all;
 mod bench;
 mod cell;
 
-use super::{Base, Effect, Facts, Parameter, Point, Record};
+use super::{Base, Below, Effect, Facts, Parameter, Point, Record};
 use crate::augmented::{self, Added, Between, Grid, Player};
 use crate::model::{Erm, RcBranch};
 use crate::ocv::OcvCurve;
@@ -108,7 +108,7 @@ fn point(freq_hz: f64) -> Point {
         order: 0.0,
         start_s: 0.0,
         is_cell: true,
-        below_ohm: 0.02,
+        below: Below { r_ohm: 0.02, l_h: 0.0 },
     }
 }
 

@@ -65,11 +65,13 @@ pub(super) async fn measure(
     let run = write(executor.recorder, (experiment, stage, repeat), &found, (&measured.correction, flagged, took_s))?;
     let corrected = measured.correction.reduced_chi2.is_some();
     let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
+    let below = sweeping::below(&phasors, experiment.bench.wiring.shunt.r_ohm);
     let entry = SweepEntry {
         flagged: run.flagged.clone(),
         own_sigma_ohm: if corrected { sweeping::own_sigma_ohm(&run.own_noise) } else { Vec::new() },
         common_error: if corrected { measured.correction.common_error(&phasors, &sweeping::shunt_phasors(measured)) } else { None },
-        below_ohm: sweeping::below_ohm(&phasors, experiment.bench.wiring.shunt.r_ohm),
+        below_ohm: below.map(|below| below.r_ohm),
+        below_h: below.map(|below| below.l_h),
         ..entry(executor, (stage, repeat), (start_s, measured))
     };
     executor.recorder.sweep(entry)?;
@@ -130,6 +132,7 @@ fn entry(executor: &Executor<'_>, (stage, repeat): (&Stage, usize), (start_time_
         own_sigma_ohm: Vec::new(),
         common_error: None,
         below_ohm: None,
+        below_h: None,
         // All its lines are measured at once.
         elapsed_s: Vec::new(),
     }

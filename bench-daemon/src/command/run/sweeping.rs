@@ -3,9 +3,11 @@
 use analysis::{
     calibration::Correction,
     dataset::{FlaggedPoint, Role, SweepEntry},
+    effects::Below,
     spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, at_one_time},
 };
 use instruments::mock::plant::Fixture;
+use num_complex::Complex64;
 
 use super::Measured;
 use crate::{
@@ -148,6 +150,7 @@ impl<'a> Sweeping<'a> {
         let group = if several { format!("{group}_{amplitude_a}A") } else { group.to_owned() };
         let corrected = self.correction.reduced_chi2.is_some();
         let phasors: Vec<ChannelPhasors> = settled.points.iter().map(|point| point.phasors).collect();
+        let below = below(&phasors, experiment.bench.wiring.shunt.r_ohm);
         SweepEntry {
             file: self.indexed().to_owned(),
             fixture: fixture_name(self.fixture).to_owned(),
@@ -165,7 +168,8 @@ impl<'a> Sweeping<'a> {
             flagged: Vec::new(),
             own_sigma_ohm: if corrected { own_sigma_ohm(&settled.own_noise) } else { Vec::new() },
             common_error: if cell && corrected { self.correction.common_error(&phasors, &self.shunt) } else { None },
-            below_ohm: below_ohm(&phasors, experiment.bench.wiring.shunt.r_ohm),
+            below_ohm: below.map(|below| below.r_ohm),
+            below_h: below.map(|below| below.l_h),
             elapsed_s: settled.points.iter().map(|point| point.time_s - start_time_s).collect(),
         }
     }
@@ -176,15 +180,17 @@ pub(super) fn shunt_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
     measured.sweeps.get(fixture_name(Fixture::Shunt)).into_iter().flatten().map(|point| point.phasors).collect()
 }
 
-/// Resistance between the lower tap and the ground of the channels, Ω: the median over the points, which no inductance is a part of; none without any.
-pub(super) fn below_ohm(phasors: &[ChannelPhasors], shunt_ohm: f64) -> Option<f64> {
+/// What lies between the lower tap and the ground of the channels: the median of the resistance over the points, and the line through the reactance over the
+/// frequency; none without any.
+pub(super) fn below(phasors: &[ChannelPhasors], shunt_ohm: f64) -> Option<Below> {
     let of = |point: &ChannelPhasors| {
         let [low, high, tap, _] = point.volts;
-        (tap * shunt_ohm / (high - low)).re
+        (std::f64::consts::TAU * point.freq_hz, tap * shunt_ohm / (high - low))
     };
-    let mut all: Vec<f64> = phasors.iter().map(of).filter(|ohm| ohm.is_finite()).collect();
-    all.sort_by(f64::total_cmp);
-    all.get(all.len() / 2).copied()
+    let mut all: Vec<(f64, Complex64)> = phasors.iter().map(of).filter(|(_, z_ohm)| z_ohm.is_finite()).collect();
+    all.sort_by(|a, b| a.1.re.total_cmp(&b.1.re));
+    let (along, size) = all.iter().fold((0.0, 0.0), |(along, size), (omega, z_ohm)| (along + omega * z_ohm.im, size + omega * omega));
+    all.get(all.len() / 2).map(|(_, z_ohm)| Below { r_ohm: z_ohm.re, l_h: if size > 0.0 { along / size } else { 0.0 } })
 }
 
 /// Standard deviations of both parts of each point.
@@ -212,20 +218,19 @@ pub(super) fn flags(points: &[SweepPoint], tell: &mut dyn FnMut(f64, &str)) -> V
 mod tests {
     use super::*;
     use analysis::spectrum::PhasorVariance;
-    use num_complex::Complex64;
 
     /// 2 A through a shunt of 10 mΩ that lies 5 mΩ above ground, and through wires of 35 mΩ and 20 nH below the cell.
     #[test]
-    fn what_lies_below_the_cell_is_a_resistance() {
+    fn what_lies_below_the_cell_is_a_resistance_and_an_inductance() {
         let point = |freq_hz: f64| {
             let below = Complex64::new(35e-3, std::f64::consts::TAU * freq_hz * 20e-9);
             let volts = [Complex64::new(10e-3, 0.0), Complex64::new(30e-3, 0.0), 2.0 * below, 2.0 * below + 0.02];
             ChannelPhasors { freq_hz, volts, variance: [PhasorVariance::circular(1e-12); 4] }
         };
-        let met = below_ohm(&[point(1.0), point(100.0), point(1e4)], 10e-3).unwrap();
-        assert!((met - 35e-3).abs() < 1e-12, "{met}");
-        assert_eq!(below_ohm(&[], 10e-3), None);
+        let met = below(&[point(1.0), point(100.0), point(1e4)], 10e-3).unwrap();
+        assert!((met.r_ohm - 35e-3).abs() < 1e-12 && (met.l_h - 20e-9).abs() < 1e-15, "{met:?}");
+        assert_eq!(below(&[], 10e-3), None);
         let still = ChannelPhasors { volts: [Complex64::ZERO; 4], ..point(1.0) };
-        assert_eq!(below_ohm(&[still], 10e-3), None, "no current");
+        assert_eq!(below(&[still], 10e-3), None, "no current");
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::augmented::Between;
 use crate::diagnosis::{BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
+use crate::effects::Below;
 use crate::model::{Erm, RcBranch};
 use crate::ocv::OcvCurve;
 use crate::series::TimeSeries;
@@ -177,7 +178,7 @@ fn sweep(control_ohm: Option<f64>, hidden: &Hidden, order: f64, chance: &mut Cha
         let noise = Complex64::new(chance.normal(), chance.normal());
         SweepPoint { freq_hz, z_ohm: clean + 1e-3 * clean.norm() * noise, sigma_ohm: None, amplitude_a: Some(1.0) }
     });
-    Sweep { bias_a: 0.0, below_ohm: 0.0, elapsed_s: Vec::new(), points: points.collect() }
+    Sweep { bias_a: 0.0, below: Below::default(), elapsed_s: Vec::new(), points: points.collect() }
 }
 
 pub(super) const SHUNT_OHM: f64 = 9.96e-3;
