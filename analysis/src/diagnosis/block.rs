@@ -22,6 +22,8 @@ const EDGE_PART: f64 = 0.03;
 const EDGE_SIGMAS: f64 = 5.0;
 /// Standard deviations by which a variance may be above that of noise.
 const NOISE_SIGMAS: f64 = 3.0;
+/// Samples after an edge that may still show it.
+const AT_EDGE: usize = 2;
 
 /// One run as the fit sees it.
 #[derive(Debug, Clone)]
@@ -358,13 +360,15 @@ fn edges(current_a: &[f64], jitter_a: f64) -> Vec<usize> {
     std::iter::once(0).chain(changes).collect()
 }
 
-/// The current without noise: constant where it stays between two edges and differs from its mean by no more than white noise does.
+/// The current without noise: constant where it stays between two edges and differs from its mean by no more than white noise does. What follows an edge at once
+/// stays as it was logged: a smoothed channel shows there.
 fn driven(current_a: &[f64], edges: &[usize], jitter_a: f64) -> Vec<f64> {
     let mut driven_a = current_a.to_vec();
     let ends = edges.iter().skip(1).copied().chain([current_a.len()]);
     for (from, to) in edges.iter().copied().zip(ends) {
+        let from = if from > 0 { (from + AT_EDGE).min(to) } else { from };
         let stretch = &mut driven_a[from..to];
-        let n = stretch.len() as f64;
+        let n = stretch.len().max(1) as f64;
         let mean = stretch.iter().sum::<f64>() / n;
         let variance = stretch.iter().map(|i| (i - mean).powi(2)).sum::<f64>() / n;
         // Successive samples of white noise differ by twice its variance, what settles differs by less.

@@ -19,6 +19,7 @@ use super::guards::beyond_formula;
 use super::localise::{Ranges, places};
 use super::periodic::{Wave, wave};
 use super::problem::{Fit, Problem, Tangent};
+use super::structure::Structure;
 use super::whitening::dot;
 use crate::validity::tail::{chi2_tail, holm};
 use std::borrow::Cow;
@@ -62,15 +63,14 @@ pub(super) fn inconsistencies(problem: &Problem, (base, fit): (&Fit, &Fit), desk
     // What one value for all runs makes must be in it to the last digit.
     let tangent = problem.exact_tangent(fit, desk);
     let mut found: Vec<Inconsistency> = Vec::new();
-    let predict = |current, x: &[f64], desk: &mut Desk| -> Vec<Vec<f64>> {
-        train.iter().map(|k| problem.predict_under((&fit.structure, x), *k, (current, 1), desk)).collect()
-    };
-    let plain = predict(Current::Logged, &fit.x, desk);
-    let left = free_of_current_noise(problem, (&train, &plain, &predict(Current::Driven, &fit.x, desk)), &fit.residuals);
+    let predict =
+        |x: &[f64], desk: &mut Desk| -> Vec<Vec<f64>> { train.iter().map(|k| problem.predict((&fit.structure, x), *k, 1, desk)).collect() };
+    let plain = predict(&fit.x, desk);
+    let left = free_of_current_noise(problem, (&train, fit), desk);
     for (n, quantity) in quantities(problem, fit).into_iter().enumerate() {
         let mut x = fit.x.clone();
         quantity.moves.iter().for_each(|(k, step)| x[*k] += step);
-        let moved = predict(Current::Logged, &x, desk);
+        let moved = predict(&x, desk);
         let change: Vec<Vec<f64>> = moved.iter().zip(&plain).map(|(m, p)| m.iter().zip(p).map(|(m, p)| m - p).collect()).collect();
         for (over, classes) in &kinds {
             // Every single pulse is asked for its resistance only.
@@ -96,15 +96,19 @@ pub(super) fn inconsistencies(problem: &Problem, (base, fit): (&Fit, &Fit), desk
 }
 
 /// What is left without what noise of the logged current has made of the prediction. The derivatives hold that noise as well: where little else flows, a resistance
-/// asked by the logged current would always be found to be none.
-fn free_of_current_noise(problem: &Problem, (train, logged, driven): (&[usize], &[Vec<f64>], &[Vec<f64>]), residuals: &[f64]) -> Vec<f64> {
-    let mut noise = Vec::with_capacity(residuals.len());
-    for ((k, logged), driven) in train.iter().zip(logged).zip(driven) {
+/// asked by the logged current would always be found to be none. The base alone tells what noise does; to an effect that goes by the sign of the current, a rest is
+/// something else with noise than without.
+fn free_of_current_noise(problem: &Problem, (train, fit): (&[usize], &Fit), desk: &mut Desk) -> Vec<f64> {
+    let (structure, base) = (Structure::default(), &fit.x[..=2 * problem.branches()]);
+    let mut noise = Vec::with_capacity(fit.residuals.len());
+    for k in train {
+        let mut predict = |current| problem.predict_under((&structure, base), *k, (current, 1), desk);
+        let (logged, driven) = (predict(Current::Logged), predict(Current::Driven));
         let rows: Vec<f64> = logged.iter().zip(driven).map(|(l, d)| l - d).collect();
         problem.whiteners[*k].apply(&rows, &mut noise);
     }
     problem.shared.apply(&mut noise);
-    residuals.iter().zip(noise).map(|(r, n)| r + n).collect()
+    fit.residuals.iter().zip(noise).map(|(r, n)| r + n).collect()
 }
 
 /// All resistances, and every parameter of the effects.
