@@ -18,6 +18,10 @@ const DRIFT: f64 = 12.0;
 const HELD_STARTS: usize = 2;
 /// Lagrange score from which on every start is tried: of so strong an effect the linear test does not know which shape it has.
 const STRONG: f64 = 300.0;
+/// Part of its Lagrange score that a fit must keep.
+const KEPT: f64 = 0.5;
+/// Weaker starts, as parts of what the linear test wants.
+const WEAKER: [f64; 3] = [0.6, 0.36, 0.2];
 
 /// A fitted addition.
 #[derive(Debug, Clone)]
@@ -139,7 +143,7 @@ impl Search<'_> {
                 0 => HELD_STARTS,
                 _ => 1,
             };
-            all.extend(of_law.take(most).map(|p| (self.try_member(fit, (&origin.fit, &p.member.frozen())), &p.member)));
+            all.extend(of_law.take(most).map(|p| (self.hold(fit, &origin.fit, p), &p.member)));
         }
         all.retain(|(a, _)| a.score.is_finite());
         all.sort_by(|a, b| b.0.score.total_cmp(&a.0.score));
@@ -159,6 +163,25 @@ impl Search<'_> {
         let drifted = bound && free.lambda < held.lambda + DRIFT;
         let distinct = held.score;
         Some(if drifted || held.score >= free.score { held } else { Attempt { distinct, ..free } })
+    }
+
+    /// The fit with the shapes held. What grows faster than in proportion to its strength, as the depletion of an electrolyte does near its end, is far overshot by the
+    /// linear test, and the way back can end at nothing: where a strong effect's fit does not keep what the test promised, weaker starts are tried.
+    fn hold(&mut self, fit: &Fit, from: &Fit, proposal: &Proposal) -> Attempt {
+        let member = proposal.member.frozen();
+        let mut best = self.try_member(fit, (from, &member));
+        for weaker in WEAKER {
+            if proposal.lagrange <= STRONG || best.lambda >= KEPT * proposal.lagrange {
+                break;
+            }
+            let mut start = member.start.clone();
+            start[0] *= weaker;
+            let other = self.try_member(fit, (from, &member.from(&start)));
+            if other.score > best.score {
+                best = other;
+            }
+        }
+        best
     }
 
     /// The fit with the shapes free, from where it ended with them held.

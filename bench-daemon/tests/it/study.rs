@@ -60,3 +60,12 @@ fn damaged_files_are_refused() {
         assert_eq!(score.end, End::Invalid, "{score:?}");
     }
 }
+
+/// The voltage grows without limit where the salt ends, so that the linear test overshoots the strength by far.
+#[test]
+fn a_strong_depletion_is_found_from_a_weaker_start_than_the_linear_test_wants() {
+    for seed in 1..=4 {
+        let score = play(Stratum::Single, &Spec::single(seed, EffectKind::Depletion, 1.6), 0).unwrap();
+        assert_eq!(score.end, End::Right, "{seed}: {score:?}");
+    }
+}
