@@ -276,7 +276,7 @@ pub(super) fn gaps(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), 
 }
 
 /// Standard deviation per sample: the rows' own, with the white noise of a single sample instead of the mean's.
-fn sample_floor(prepared: &Prepared, block: usize, time: &super::block::TimeBlock) -> Vec<f64> {
+fn sample_floor(prepared: &Prepared, block: usize, time: &super::time_block::TimeBlock) -> Vec<f64> {
     let white = prepared.sample_noise_v.powi(2);
     // A level that is free is no part of a gap about the mean.
     let level = if time.level_sigma_v > 0.0 { time.level_sigma_v.powi(2) + prepared.estimate.variance(Term::Level) } else { 0.0 };

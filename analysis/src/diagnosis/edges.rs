@@ -1,7 +1,7 @@
 //! What a logger does not tell of an edge of the current, where the current goes along a line between samples: when it was, and what its channels
 //! were doing. Two errors per edge, each as what one standard deviation of it does to the rows of a record.
 
-use super::block::{Bin, TimeBlock};
+use super::time_block::{Bin, TimeBlock};
 use crate::effects::Base;
 
 /// 1/√12: standard deviation of a uniform error of one code, and of an edge anywhere between two samples.

@@ -6,7 +6,8 @@
 //! of the components with each other, S ← a·S·aᵀ + σ²·g·gᵀ, and of every row with them are carried from sample to sample. A current that goes along a line between
 //! samples is taken as held, and branches of effects are left out.
 
-use super::block::{Bin, Block, TimeBlock};
+use super::block::Block;
+use super::time_block::{Bin, TimeBlock};
 use super::whitening::dot;
 use crate::effects::Base;
 

@@ -30,6 +30,7 @@ mod rivals;
 mod select;
 mod shared;
 mod structure;
+mod time_block;
 mod whitening;
 mod windows;
 pub mod yardstick;

@@ -4,12 +4,13 @@
 //! model's responses to a gain, a zero error and a per-stretch error of the logged current, the counted charge included; F is what white noise of the current does
 //! to branches and charge, see `followed`. How the σ are found is in `estimate`.
 
-use super::block::{Block, Desk, Kind, TimeBlock};
+use super::block::{Block, Desk, Kind};
 use super::codes::Codes;
 use super::data::BenchHistory;
 use super::edges::{self, UNIFORM};
 use super::followed;
 use super::shared::{self, Errors};
+use super::time_block::TimeBlock;
 use super::whitening::{Whitener, dot};
 use crate::augmented::{Added, network};
 use crate::calibration::CommonError;

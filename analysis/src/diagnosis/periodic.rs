@@ -5,9 +5,10 @@
 //! (the periodogram of unevenly sampled data, Lomb 1976, Scargle 1982); the sum over all records is asked, at as many frequencies as the longest record can tell
 //! apart, and its probability multiplied by their number.
 
-use super::block::{Kind, TimeBlock};
+use super::block::Kind;
 use super::data::Role;
 use super::problem::{Fit, Problem};
+use super::time_block::TimeBlock;
 use super::whitening::dot;
 use crate::validity::tail::chi2_tail;
 use std::f64::consts::TAU;

@@ -6,8 +6,9 @@
 //! I − c·u·uᵀ, u = v/|v|, c = 1 − 1/√(1 + |v|²), makes it I again; for several errors one such operator after the other, each with v as the ones before it
 //! leave it. That is the same as to fit every error once, for all runs together, with its standard deviation as the prior.
 
-use super::block::{Block, Kind, TimeBlock};
+use super::block::{Block, Kind};
 use super::data::BenchHistory;
+use super::time_block::TimeBlock;
 use super::whitening::dot;
 use crate::calibration::{COMMON, CommonError};
 use crate::effects::{Base, Point};

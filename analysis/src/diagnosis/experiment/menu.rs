@@ -1,9 +1,10 @@
 //! What a bench can do to tell effects apart: a menu of planned runs, made for the cell, the currents and the frequencies of a campaign.
 
 use super::planned::{BenchLimits, Planned, PlannedRun};
-use crate::diagnosis::block::{Block, Kind, TimeBlock};
+use crate::diagnosis::block::{Block, Kind};
 use crate::diagnosis::data::{Fixture, Role};
 use crate::diagnosis::problem::Problem;
+use crate::diagnosis::time_block::TimeBlock;
 
 /// How often each run is measured: one could be an accident.
 const REPEAT: usize = 3;

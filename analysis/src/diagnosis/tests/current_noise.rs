@@ -1,11 +1,12 @@
 //! What white noise of the logged current does.
 
 use super::bench::{BRANCHES, CAPACITY_AH, Chance, HISTORY, Hidden, R0, campaign, model};
-use crate::diagnosis::block::{Block, Kind, TimeBlock};
+use crate::diagnosis::block::{Block, Kind};
 use crate::diagnosis::data::{BenchHistory, DataSet, RunData};
 use crate::diagnosis::followed;
 use crate::diagnosis::guards::Guards;
 use crate::diagnosis::prepare::prepare;
+use crate::diagnosis::time_block::TimeBlock;
 use crate::diagnosis::{DiagnosisOptions, Verdict, diagnose};
 use crate::series::TimeSeries;
 
@@ -50,7 +51,7 @@ fn what_follows_noise_of_the_current_has_the_covariance_of_many_draws() {
                 }
                 at[k] = [R0 * noise[k] + v[0] + v[1], charge_c];
             }
-            let mean = |b: &crate::diagnosis::block::Bin, part: usize| {
+            let mean = |b: &crate::diagnosis::time_block::Bin, part: usize| {
                 at[b.from..b.to].iter().map(|v| v[part]).sum::<f64>() / (b.to - b.from) as f64
             };
             let rows: Vec<f64> = time.bins.iter().zip(&per_c).map(|(b, u)| mean(b, 0) + u * mean(b, 1)).collect();
