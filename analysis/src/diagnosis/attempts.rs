@@ -157,7 +157,8 @@ impl Search<'_> {
             [Some(&all[0]), other].into_iter().flatten().map(|(held, member)| self.set_free(fit, held, member)).collect();
         let at_bound = |a: &Attempt| self.guards.bound && a.fit.member_at_bound(a.fit.structure.members.len() - 1, self.problem.branches());
         let worth = |a: &Attempt| a.score - if at_bound(a) { DRIFT } else { 0.0 };
-        let free = freed.into_iter().max_by(|a, b| worth(a).total_cmp(&worth(b)))?;
+        let freed = freed.into_iter().filter(|a| a.score.is_finite());
+        let Some(free) = freed.max_by(|a, b| worth(a).total_cmp(&worth(b))) else { return Some(held) };
         let bound = at_bound(&free);
         // Shapes that the data do not fix drift to a bound: they say nothing then.
         let drifted = bound && free.lambda < held.lambda + DRIFT;
@@ -171,13 +172,14 @@ impl Search<'_> {
         let member = proposal.member.frozen();
         let mut best = self.try_member(fit, (from, &member));
         for weaker in WEAKER {
-            if proposal.lagrange <= STRONG || best.lambda >= KEPT * proposal.lagrange {
+            // What the test promised, it promised over the fit that is started from.
+            if proposal.lagrange <= STRONG || from.chi2 - best.fit.chi2 >= KEPT * proposal.lagrange {
                 break;
             }
             let mut start = member.start.clone();
             start[0] *= weaker;
             let other = self.try_member(fit, (from, &member.from(&start)));
-            if other.score > best.score {
+            if other.score > best.score || best.score.is_nan() {
                 best = other;
             }
         }

@@ -187,7 +187,9 @@ impl Block {
     /// the cell, but nobody told where: it is taken for no higher than its own resistance, so that a plan does not promise too much.
     pub(super) fn lies_as(&mut self, measured: &[Self]) {
         let is_cell = self.at.is_cell;
-        let below = |cell: bool| measured.iter().find(|b| b.at.is_cell == cell && matches!(b.kind, Kind::Eis { .. })).map(|b| b.at.below);
+        // Where nobody told it is not where nothing lies below.
+        let told = |b: &&Self| matches!(b.kind, Kind::Eis { .. }) && b.at.below != Below::default();
+        let below = |cell: bool| measured.iter().filter(told).find(|b| b.at.is_cell == cell).map(|b| b.at.below);
         let Kind::Eis { points, control_ohm, .. } = &mut self.kind else { return };
         let guess = || below(true).map(|below| control_ohm.map_or(below, |own| Below { r_ohm: below.r_ohm.min(own), l_h: 0.0 }));
         if let Some(below) = below(is_cell).or_else(guess) {

@@ -8,8 +8,8 @@ use crate::effects::{Moved, Point};
 const LEAST_BETWEEN: f64 = 0.01;
 /// Charge that must flow back to be a reversal, as a part of the capacity.
 const LEAST_REVERSAL: f64 = 1e-4;
-/// Times of two points of a sweep that are apart by so many times as much as most: it was interrupted.
-const INTERRUPTED: f64 = 10.0;
+/// Two points of a sweep that are apart by so many times as much as waits and periods explain: it was interrupted.
+const INTERRUPTED: f64 = 3.0;
 
 impl Block {
     /// Adds what it moves through the cell and says how much of it stays there, C.
@@ -57,19 +57,30 @@ impl Block {
 /// What a sweep's current puts in and takes out, C: the mean size of a sine is 2/π of its amplitude, and the times of its points say how long each lasted. None
 /// where amplitude or times are not known, or where a direct current flows under it.
 fn swung_c(start_s: f64, points: &[Point]) -> f64 {
-    let mut visited: Vec<(f64, f64)> = points.iter().map(|p| (p.start_s, p.amplitude_a.unwrap_or(0.0))).collect();
-    visited.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut spans_s: Vec<f64> = visited.windows(2).map(|w| w[1].0 - w[0].0).collect();
-    let (Some(first_s), Some(last_s), true) = (spans_s.first(), spans_s.last(), points.iter().all(|p| p.bias_a == 0.0)) else { return 0.0 };
-    // Before the first point the cell rested, for how long is not told; a point's time is the middle of its capture.
-    let (first_s, last_s) = (first_s.min(visited[0].0 - start_s), 0.5 * last_s);
-    spans_s.insert(0, first_s);
+    let mut visited: Vec<&Point> = points.iter().collect();
+    visited.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+    let [first, .., last] = visited[..] else { return 0.0 };
+    if points.iter().any(|p| p.bias_a != 0.0) {
+        return 0.0;
+    }
+    let apart_s: Vec<f64> = visited.windows(2).map(|w| w[1].start_s - w[0].start_s).collect();
+    // A point takes a wait and some periods: most tell how long and how many.
+    let (wait_s, periods) = (median(apart_s.iter().copied()), median(apart_s.iter().zip(&visited[1..]).map(|(s, p)| s * p.freq_hz)));
     // A sweep that was interrupted went on much later.
-    let mut sorted = spans_s.clone();
+    let usual = |s: f64, p: &Point| if s <= INTERRUPTED * (wait_s + periods / p.freq_hz) { s } else { wait_s };
+    // Before the first point the cell rested, for how long is not told; a point's time is the middle of its capture.
+    let before_s = apart_s[0].min(first.start_s - start_s);
+    let after_s = 0.5 * usual(apart_s[apart_s.len() - 1], last);
+    let swung = |s: f64, p: &Point| s * p.amplitude_a.unwrap_or(0.0);
+    let between: f64 = apart_s.iter().zip(&visited[1..]).map(|(s, p)| swung(usual(*s, p), p)).sum();
+    std::f64::consts::FRAC_2_PI * (swung(before_s, first) + between + swung(after_s, last))
+}
+
+/// The middle one, 0 of none.
+fn median(of: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = of.collect();
     sorted.sort_by(f64::total_cmp);
-    let longest_s = INTERRUPTED * sorted[sorted.len() / 2];
-    let swung: f64 = spans_s.iter().zip(&visited).map(|(span_s, (_, amplitude_a))| amplitude_a * span_s.min(longest_s)).sum();
-    std::f64::consts::FRAC_2_PI * (swung + visited[visited.len() - 1].1 * last_s.min(longest_s))
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Charges without a reversal, and swings between them.

@@ -16,6 +16,7 @@
 use super::block::{Current, Desk, Kind};
 use super::data::Role;
 use super::guards::beyond_formula;
+use super::intermittent::{TAUS_S, intermittent};
 use super::localise::{Ranges, places};
 use super::periodic::{Wave, wave};
 use super::problem::{Fit, Problem, Tangent};
@@ -91,8 +92,25 @@ pub(super) fn inconsistencies(problem: &Problem, (base, fit): (&Fit, &Fit), desk
     }
     let corrected = holm(&found.iter().map(|f| f.p_value).collect::<Vec<f64>>());
     found.iter_mut().zip(corrected).for_each(|(f, p)| f.p_value = p);
+    found.extend(comes_and_goes(problem, fit, gained));
     found.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then((b.chi2 / b.dof as f64).total_cmp(&(a.chi2 / a.dof as f64))));
     found
+}
+
+/// Whether the series resistance is the same at all moments of a run, probabilities corrected for the times that are asked for. A family of its own: what it finds has
+/// no place among circumstances.
+fn comes_and_goes(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistency> {
+    let asked: Vec<(f64, (f64, f64))> = TAUS_S.into_iter().zip(intermittent(problem, fit)).filter(|(_, (_, dof))| *dof > 0.0).collect();
+    let p_values = asked.iter().map(|(_, (chi2, dof))| chi2_tail(dof + beyond_formula(chi2 - dof, gained), *dof));
+    let corrected = holm(&p_values.collect::<Vec<f64>>());
+    let found = |((tau_s, (chi2, dof)), p_value): (&(f64, (f64, f64)), f64)| Inconsistency {
+        quantity: "the series resistance".to_owned(),
+        over: format!("moments of a run {tau_s} s apart").into(),
+        chi2: *chi2,
+        dof: dof.round() as usize,
+        p_value,
+    };
+    asked.iter().zip(corrected).map(found).collect()
 }
 
 /// What is left without what noise of the logged current has made of the prediction. The derivatives hold that noise as well: where little else flows, a resistance

@@ -16,6 +16,7 @@ mod experiment;
 mod followed;
 pub mod gate;
 mod guards;
+mod intermittent;
 mod intervals;
 mod judge;
 mod localise;

@@ -12,6 +12,8 @@ const EDGE_PART: f64 = 0.03;
 const EDGE_SIGMAS: f64 = 5.0;
 /// Standard deviations by which a variance may be above that of noise.
 const NOISE_SIGMAS: f64 = 3.0;
+/// A current that stays at the border of two codes has the variance q²/4, three times what codes add on average.
+const AT_BORDER: f64 = 3.0;
 /// Samples after an edge that may still show it.
 const AT_EDGE: usize = 2;
 
@@ -126,7 +128,7 @@ fn driven(current_a: &[f64], edges: &[usize], jitter_a: f64) -> Vec<f64> {
         let by_steps = stretch.windows(2).map(|w| 0.5 * (w[1] - w[0]).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
         let scatter = NOISE_SIGMAS / n.sqrt();
         let white = variance <= by_steps * (1.0 + scatter);
-        if white && variance <= 0.5 * jitter_a * jitter_a * (1.0 + 2f64.sqrt() * scatter) {
+        if white && variance <= AT_BORDER * 0.5 * jitter_a * jitter_a * (1.0 + 2f64.sqrt() * scatter) {
             stretch.fill(mean);
         }
     }

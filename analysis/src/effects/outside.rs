@@ -15,6 +15,9 @@ const PLACES: usize = 7;
 const ELEMENTS: usize = 8;
 /// Parts of the largest current from which on a current channel's gain may be another.
 const FROM: [f64; 4] = [0.1, 0.2, 0.4, 0.7];
+/// Half of the range, as a part of the limit, over which the one gain becomes the other. With a step, a current that stays at the limit would be taken apart into
+/// samples whose noise is above it and below, and the gain would tell the noise of each.
+const WITHIN: f64 = 0.1;
 
 /// All of them.
 pub(crate) fn outside() -> &'static [&'static dyn Effect] {
@@ -67,7 +70,7 @@ static BENT: Card = card(
 static RANGED: Card = card(
     "outside_ranged",
     "something like a current channel with another gain for large currents",
-    "i = i_logged·(1 + g) where |i_logged| exceeds a limit",
+    "i = i_logged·(1 + g) where |i_logged| exceeds a limit by a tenth, i_logged a tenth below it, in proportion between",
     "none: the current of a sweep is too small",
 );
 
@@ -268,6 +271,7 @@ impl Effect for Ranged {
     }
 
     fn current(&self, p: &[f64], _record: &Record<'_>, current_a: &mut [f64]) {
-        current_a.iter_mut().filter(|i| i.abs() > p[1]).for_each(|i| *i *= 1.0 + p[0]);
+        let above = |i: f64| (0.5 * (1.0 + (i.abs() / p[1] - 1.0) / WITHIN)).clamp(0.0, 1.0);
+        current_a.iter_mut().for_each(|i| *i *= 1.0 + p[0] * above(*i));
     }
 }

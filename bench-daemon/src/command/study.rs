@@ -48,7 +48,7 @@ pub struct StudyArgs {
     /// Recommended runs that are played one after the other at most.
     #[arg(long, default_value_t = 3)]
     pub follow_ups: usize,
-    /// Only this effect among the single ones, by its name in labels.
+    /// Only this effect in the place of the single ones, by its name in labels; one outside the catalogue too.
     #[arg(long)]
     pub only: Option<String>,
     /// First seed.
@@ -77,7 +77,8 @@ pub fn study(args: &StudyArgs) -> Result<(), Failure> {
     ];
     let drawn = strata.iter().flat_map(|(s, count)| (0..*count).map(move |k| (*s, s.draw(args.seed + 1_000_003 * k))));
     let mut trials: Vec<Trial> = drawn.map(|(s, spec)| (s, None, spec)).collect();
-    for kind in EffectKind::NAMED.iter().filter(|k| args.only.as_deref().is_none_or(|o| k.name() == o)) {
+    let only = |kind: &&EffectKind| args.only.as_deref().map_or(EffectKind::NAMED.contains(kind), |only| kind.name() == only);
+    for kind in EffectKind::NAMED.iter().chain(&EffectKind::OUTSIDE).filter(only) {
         for (step, lambda) in LADDER.iter().enumerate() {
             for k in 0..args.singles {
                 let seed = args.seed + 7919 * (k * 9 + step as u64) + 104_729 * (*kind as u64);

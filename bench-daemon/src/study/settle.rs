@@ -1,7 +1,7 @@
 //! Plays the recommended experiments of a diagnosis on the same hidden truth, one after the other, and diagnoses again after each.
 
 use analysis::diagnosis::{BaseModel, BenchLimits, DataSet, DiagnosisOptions, Fixture, Outcome, Planned, PlannedRun, Verdict, gate};
-use fixtures::hidden::{self, PlanKind, RunPlan, Spec, Trace};
+use fixtures::hidden::{self, Case, PlanKind, RunPlan, Spec, Trace};
 
 use super::convert;
 
@@ -25,12 +25,30 @@ pub fn settle(spec: &Spec, (set, most): (&DataSet, usize), model: &BaseModel, ou
         if !matches!(last.diagnosis.verdict, Verdict::Ambiguous | Verdict::Unexplained) || last.next_runs.is_empty() {
             break;
         }
-        for run in &last.next_runs {
-            more.runs.extend((0..run.repeat).map(|nth| convert::run(&hidden::follow_up(spec, &plan(run, nth)))));
-        }
+        measure(spec, &last.next_runs, &mut more);
         after.push(gate::diagnose_gated(&more, Vec::new(), model, &options())?);
     }
     Ok(after)
+}
+
+/// What the same planned runs say of the same cell on the same bench where nothing is hidden.
+///
+/// # Errors
+/// A set that cannot be used.
+pub fn placebo(spec: &Spec, runs: &[PlannedRun]) -> anyhow::Result<Outcome> {
+    let spec = Spec { hidden: Vec::new(), ..spec.clone() };
+    let case = Case::new(&spec);
+    let mut set = convert::data_set(&case);
+    let model = convert::model(&set, &case.base)?;
+    measure(&spec, runs, &mut set);
+    Ok(gate::diagnose_gated(&set, Vec::new(), &model, &options())?)
+}
+
+/// Adds planned runs, all their repeats measured, to a set.
+fn measure(spec: &Spec, runs: &[PlannedRun], set: &mut DataSet) {
+    for run in runs {
+        set.runs.extend((0..run.repeat).map(|nth| convert::run(&hidden::follow_up(spec, &plan(run, nth)))));
+    }
 }
 
 /// One repeat of a planned run, counted from 0, as the simulated bench is asked for it.

@@ -94,6 +94,8 @@ fn settled(scores: &[Score]) -> String {
     };
     let _ =
         writeln!(out, "  left open by the first, and said that no run of the menu can tell: {}", ambiguous.iter().filter(declared).count());
+    let nothing: Vec<End> = ambiguous.iter().filter_map(|s| s.placebo).collect();
+    let _ = writeln!(out, "  {:<38}{}", format!("the first with nothing hidden ({})", nothing.len()), columns(nothing.into_iter()));
     let first: Vec<&Recommended> = ambiguous.iter().filter_map(|s| s.recommended.first()).collect();
     let mut runs: BTreeMap<(bool, &str), Vec<&Recommended>> = BTreeMap::new();
     first.into_iter().for_each(|r| runs.entry((!r.settles, r.name)).or_default().push(r));

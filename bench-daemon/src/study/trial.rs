@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::{
     convert,
     names::{catalogue_name, true_strength},
-    settle::{options, settle},
+    settle::{options, placebo, settle},
 };
 
 /// How a trial ended, against the truth.
@@ -73,6 +73,8 @@ pub struct Score {
     pub inseparable: Vec<[&'static str; 2]>,
     /// The runs that an ambiguous end asked for, in the order in which they were played.
     pub recommended: Vec<Recommended>,
+    /// The end of a bench with nothing hidden after the first of them.
+    pub placebo: Option<End>,
 }
 
 /// A recommended run, and the end with it among the training runs.
@@ -144,13 +146,16 @@ pub fn play(stratum: Stratum, spec: &Spec, follow_ups: usize) -> anyhow::Result<
         };
     let lambda = if spec.corruption.is_none() && !spec.hidden.is_empty() { strength(spec, &case).ok() } else { None };
     let closed = closed(&case, &set, &model, &outcome);
-    let mut asked = Vec::new();
+    let (mut asked, mut nothing) = (Vec::new(), None);
     if outcome.diagnosis.verdict == Verdict::Ambiguous {
         let after = settle(spec, (&set, follow_ups), &model, &outcome)?;
         let before = std::iter::once(&outcome).chain(&after);
         asked.extend(before.zip(&after).filter_map(|(before, after)| recommended(&Truth::of(&case), before, after)));
+        if !after.is_empty() {
+            nothing = Some(end(Some(placebo(spec, &outcome.next_runs)?.diagnosis.verdict), &Truth::default(), &[], &[]));
+        }
     }
-    Ok(Score { recommended: asked, ..score(stratum, &case, Some(&outcome), (lambda, closed)) })
+    Ok(Score { recommended: asked, placebo: nothing, ..score(stratum, &case, Some(&outcome), (lambda, closed)) })
 }
 
 /// How the recommended run ends it.
@@ -183,6 +188,7 @@ pub fn strength(spec: &Spec, noisy: &Case) -> anyhow::Result<f64> {
 }
 
 /// What was hidden, as far as the catalogue has it, and whether there was anything that it has not.
+#[derive(Default)]
 struct Truth {
     names: Vec<&'static str>,
     outside: bool,
@@ -270,6 +276,7 @@ fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, clos
         gaps: d.map_or(Vec::new(), |d| d.rivals.iter().map(|r| (r.name, r.score_gap, r.discriminability)).collect()),
         inseparable: d.map_or(Vec::new(), |d| d.inseparable.clone()),
         recommended: Vec::new(),
+        placebo: None,
     }
 }
 

@@ -44,6 +44,7 @@ fn the_recommended_run_settles_what_these_data_cannot_tell() {
         let score = play(Stratum::Single, &Spec::single(813, kind, strength), 1).unwrap();
         assert_eq!(score.end, End::Twin, "{score:?}");
         assert!(score.recommended.len() == 1 && score.recommended[0].settled == End::Right, "{score:?}");
+        assert_eq!(score.placebo, Some(End::None), "with nothing hidden the same run says nothing: {score:?}");
     }
 }
 

@@ -20,8 +20,8 @@ pub struct Expected {
 pub enum Prediction {
     /// Impedance of every point, Ω.
     Impedance(Vec<Complex64>),
-    /// Voltage of every sample, V.
-    Voltage(Vec<f64>),
+    /// Voltage of every sample, V, and what a coulomb that is drawn takes off the voltage of the open circuit at the start, V.
+    Voltage(Vec<f64>, f64),
     /// Nothing: the run's numbers cannot be played.
     None,
 }
@@ -50,7 +50,7 @@ fn prediction(run: &Run, base: &Base, player: &mut Player) -> Prediction {
         RunData::Time(record) => {
             let series = &record.series;
             if let Some(ohm) = control_ohm {
-                return Prediction::Voltage(series.current_a.iter().map(|i| -ohm * i).collect());
+                return Prediction::Voltage(series.current_a.iter().map(|i| -ohm * i).collect(), 0.0);
             }
             let soc = match run.start {
                 Start::Soc(soc) => soc,
@@ -68,7 +68,8 @@ fn prediction(run: &Run, base: &Base, player: &mut Player) -> Prediction {
             };
             let mut voltage_v = Vec::with_capacity(series.len());
             player.play((base, &[]), &played, (&Grid::new(&series.time_s, record.between), 1), &mut voltage_v);
-            if voltage_v.iter().all(|v| v.is_finite()) { Prediction::Voltage(voltage_v) } else { Prediction::None }
+            let per_c_v = base.ocv.slope_v(soc) / (3600.0 * base.ocv.capacity_ah);
+            if voltage_v.iter().all(|v| v.is_finite()) { Prediction::Voltage(voltage_v, per_c_v) } else { Prediction::None }
         }
     }
 }

@@ -147,9 +147,14 @@ impl<'a> Subject<'a> {
     /// The record with the voltage expected of it; none for a spectrum, or where nothing could be predicted.
     fn record(&self) -> Option<(&'a TimeRecord, &'a [f64])> {
         match (&self.run.data, self.prediction) {
-            (RunData::Time(record), Prediction::Voltage(v)) if v.len() == record.series.len() => Some((record, v)),
+            (RunData::Time(record), Prediction::Voltage(v, _)) if v.len() == record.series.len() => Some((record, v)),
             _ => None,
         }
+    }
+
+    /// What a current that is read wrong by an ampere has done to the voltage of the open circuit that is expected, so long after the start of a record, V.
+    fn counted_wrong_v(&self, time_s: f64) -> f64 {
+        if let Prediction::Voltage(_, per_c_v) = self.prediction { per_c_v * time_s } else { 0.0 }
     }
 
     /// The sweep with the impedance expected of it.

@@ -206,7 +206,9 @@ fn apart(subject: &Subject<'_>, members: &[&Subject<'_>], history: &BenchHistory
             let code = history.voltage_resolution_v.powi(2) / 12.0;
             let stated = own.sigma_v.as_ref().map_or(0.0, |sigma_v| sigma_v[k].powi(2));
             let size = (history.resistance_rel.powi(2) + history.current_gain_rel.powi(2)) * drop_v * drop_v;
-            ((left_v(&(own, expected_v)) - middle_v) / (level + code + stated + size).sqrt(), 0.0)
+            // A zero error of the current is counted as charge all the time.
+            let zero_v = history.current_offset_a * subject.counted_wrong_v(own.series.time_s[k] - own.series.time_s[0]);
+            ((left_v(&(own, expected_v)) - middle_v) / (level + code + stated + size + zero_v * zero_v).sqrt(), 0.0)
         });
         return apart.collect();
     }

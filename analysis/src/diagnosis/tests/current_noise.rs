@@ -96,31 +96,47 @@ fn noise_of_the_current_says_nothing_of_a_resistance() {
     );
 }
 
+/// Whether a rest of 100 s and a current after it count as currents that stay.
+fn stays(logged: impl Fn(usize, &mut Chance) -> f64, history: BenchHistory, chance: &mut Chance) -> bool {
+    let mut set = campaign(5, &Hidden::default(), &Hidden::default());
+    let RunData::Time(record) = &mut set.runs[1].data else { panic!("a record") };
+    record.series = TimeSeries {
+        name: "s".to_owned(),
+        time_s: (0..400).map(f64::from).collect(),
+        voltage_v: vec![3.7; 400],
+        current_a: (0..400).map(|k| logged(k, chance)).collect(),
+        temperature_c: None,
+    };
+    set.history = Some(history);
+    let p = prepare(&set, &model(), Guards::default()).unwrap();
+    let block = p.problem.blocks.iter().find(|b| b.name == set.runs[1].name).unwrap();
+    let Kind::Time(time) = &block.kind else { panic!("a record") };
+    let under = &time.bins[time.bins.len() - 3..];
+    under.iter().all(|bin| (bin.current_a - under[0].current_a).abs() < 1e-9)
+}
+
 /// A supply that settles by less than the noise within a second is no noise: its current stays as it was logged.
 #[test]
 fn a_current_that_settles_is_no_noise() {
-    let mut chance = Chance::new(4);
-    let sigma_a = 0.05;
-    let mut driven = |settling_a: f64| {
-        let logged: Vec<f64> = (0..400)
-            .map(|k| if k < 100 { 0.0 } else { 5.0 + settling_a * (-f64::from(k - 100) / 60.0).exp() } + sigma_a * chance.normal())
-            .collect();
-        let (mut set, history) =
-            (campaign(5, &Hidden::default(), &Hidden::default()), BenchHistory { current_noise_a: sigma_a, ..HISTORY });
-        let RunData::Time(record) = &mut set.runs[1].data else { panic!("a record") };
-        record.series = TimeSeries {
-            name: "s".to_owned(),
-            time_s: (0..400).map(f64::from).collect(),
-            voltage_v: vec![3.7; 400],
-            current_a: logged,
-            temperature_c: None,
-        };
-        set.history = Some(history);
-        let p = prepare(&set, &model(), Guards::default()).unwrap();
-        let block = p.problem.blocks.iter().find(|b| b.name == set.runs[1].name).unwrap();
-        let Kind::Time(time) = &block.kind else { panic!("a record") };
-        let under = &time.bins[time.bins.len() - 3..];
-        under.iter().all(|bin| (bin.current_a - under[0].current_a).abs() < 1e-9)
+    let (mut chance, sigma_a) = (Chance::new(4), 0.05);
+    let history = BenchHistory { current_noise_a: sigma_a, ..HISTORY };
+    let settling = |settling_a: f64| {
+        move |k: usize, chance: &mut Chance| {
+            let driven_a = if k < 100 { 0.0 } else { 5.0 + settling_a * (-(k as f64 - 100.0) / 60.0).exp() };
+            driven_a + sigma_a * chance.normal()
+        }
     };
-    assert!(driven(0.0) && !driven(0.1));
+    assert!(stays(settling(0.0), history, &mut chance) && !stays(settling(0.1), history, &mut chance));
+}
+
+/// At the border of two codes a current that stays jumps between them more than codes do on average.
+#[test]
+fn a_current_between_two_codes_stays() {
+    let (mut chance, step_a) = (Chance::new(5), 0.1);
+    let history = BenchHistory { current_noise_a: 0.01, current_resolution_a: step_a, ..HISTORY };
+    let logged = |k: usize, chance: &mut Chance| {
+        let flows_a = if k < 100 { 0.0 } else { 50.5 * step_a };
+        ((flows_a + 0.01 * chance.normal()) / step_a).round() * step_a
+    };
+    assert!(stays(logged, history, &mut chance));
 }

@@ -197,6 +197,22 @@ fn what_differs_between_circumstances_is_no_noise() {
     assert!(!differs(&with(&ranged(101, 0.0), Guards::default())));
 }
 
+/// 15 µΩ at 20 to 60 A are 0.3 to 0.9 mV for some samples of some pulses, in another way in each repeat.
+#[test]
+fn a_contact_that_comes_and_goes_is_no_noise() {
+    let set = |telegraph_ohm: f64| {
+        let hidden = Hidden { telegraph_ohm, ..Hidden::default() };
+        campaign(103, &hidden, &hidden)
+    };
+    let told = |d: &Diagnosis| d.notes.iter().any(|n| n.contains("the series resistance is not the same over moments of a run"));
+    let on = with(&set(15e-6), Guards::default());
+    assert!(on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && told(&on), "{:?} {:?}", on.quality, on.notes);
+    let off = with(&set(15e-6), Guards { consistency: false, ..Guards::default() });
+    assert_eq!(off.verdict, Verdict::AtNoiseFloor, "{} {:?}", off.summary, off.notes);
+    let still = with(&set(0.0), Guards::default());
+    assert!(still.verdict == Verdict::AtNoiseFloor && !told(&still), "{:?}", still.notes);
+}
+
 #[test]
 fn a_fit_that_did_not_converge_is_no_evidence() {
     let hidden = Hidden { per_soc: -0.6, ..Hidden::default() };

@@ -111,28 +111,46 @@ fn charge_is_told_in_stretches_without_a_reversal() {
     assert!(near(&of(2), &[-100.0, 1680.0, -100.0, 60.0]), "{:?}", of(2));
 }
 
-/// A sweep of 2 A at four frequencies, measured 80 s after each other, after a rest of which nothing is told and with a break of a day.
-#[test]
-fn a_sweep_moves_charge_to_and_fro() {
+/// What a sweep of 2 A says that it has moved, of frequencies with the times of their points, after a rest of which nothing is told.
+fn swung(visited: &[(f64, f64)]) -> Vec<Moved> {
     let point = |freq_hz: f64| SweepPoint { freq_hz, z_ohm: Complex64::new(0.01, 0.0), sigma_ohm: None, amplitude_a: Some(2.0) };
     let sweep = Sweep {
         bias_a: 0.0,
         below: Below::default(),
-        elapsed_s: vec![87_480.0, 1160.0, 1080.0, 1000.0],
-        points: [0.1, 1.0, 10.0, 100.0].map(point).to_vec(),
+        elapsed_s: visited.iter().map(|v| 1000.0 + v.1).collect(),
+        points: visited.iter().map(|v| point(v.0)).collect(),
     };
     let swept = Run { data: RunData::Eis(sweep), ..run(vec![0.0, 0.0], 1, 0.5) };
     let out: Vec<f64> = toggling(5.0, 20).chain(toggling(0.0, 5)).collect();
     let runs = vec![run(out, 0, 0.5), swept, run(vec![5.0; 20], 2, 0.5), run(vec![0.0, 0.0], 3, 0.5)];
-    let p = prepared(&DataSet { name: "t".to_owned(), runs, history: None, calibration: None });
-    let met = &p.problem.blocks[3].before;
-    // 80 s from point to point and as long for the first; what is longer than ten times as long, and its half after the last point, are no more than that.
-    let through_c = 2.0 * std::f64::consts::FRAC_2_PI * (80.0 + 80.0 + 80.0 + 800.0 + 800.0);
+    prepared(&DataSet { name: "t".to_owned(), runs, history: None, calibration: None }).problem.blocks[3].before.clone()
+}
+
+#[test]
+fn a_sweep_moves_charge_to_and_fro() {
+    let met = swung(&[(0.1, 87_480.0), (1.0, 160.0), (10.0, 80.0), (100.0, 0.0)]);
+    // 80 s from point to point and as long for the first; what is a day longer, and its half after the last point, are no more than that.
+    let through_c = 2.0 * std::f64::consts::FRAC_2_PI * (80.0 + 80.0 + 80.0 + 80.0 + 40.0);
     let expected = [Moved::one_way(-100.0), Moved { charge_c: 0.0, through_c }, Moved::one_way(-95.0)];
     assert_eq!(met.len(), 3, "{met:?}");
     for (met, expected) in met.iter().zip(expected) {
         assert!((met.charge_c - expected.charge_c).abs() < 3.0 && (met.through_c - expected.through_c).abs() < 3.0, "{met:?} {expected:?}");
     }
+}
+
+/// A point of 11 periods takes minutes at 0.1 Hz and a second at 300 Hz: all of it flowed.
+#[test]
+fn slow_points_of_a_sweep_are_no_break() {
+    let lasts_s = |freq_hz: f64| 3.0 + 11.0 / freq_hz;
+    let (mut visited, mut at_s) = (Vec::new(), 0.0);
+    for k in 0..20 {
+        let freq_hz = 300.0 * (1.0f64 / 3000.0).powf(f64::from(k) / 19.0);
+        visited.push((freq_hz, at_s + 0.5 * lasts_s(freq_hz)));
+        at_s += lasts_s(freq_hz);
+    }
+    let met = swung(&visited)[1].through_c / (2.0 * std::f64::consts::FRAC_2_PI);
+    // How long the slowest one lasted after its middle is taken from the point before it.
+    assert!((met / at_s - 1.0).abs() < 0.05, "{met} s of {at_s} s");
 }
 
 #[test]

@@ -180,17 +180,24 @@ pub(super) fn shunt_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
     measured.sweeps.get(fixture_name(Fixture::Shunt)).into_iter().flatten().map(|point| point.phasors).collect()
 }
 
-/// What lies between the lower tap and the ground of the channels: the median of the resistance over the points, and the line through the reactance over the
-/// frequency; none without any.
+/// What lies between the lower tap and the ground of the channels: the median of the resistance over the points, and of the inductance over the upper half of
+/// the frequencies, where it tells; none without any.
 pub(super) fn below(phasors: &[ChannelPhasors], shunt_ohm: f64) -> Option<Below> {
     let of = |point: &ChannelPhasors| {
         let [low, high, tap, _] = point.volts;
         (std::f64::consts::TAU * point.freq_hz, tap * shunt_ohm / (high - low))
     };
     let mut all: Vec<(f64, Complex64)> = phasors.iter().map(of).filter(|(_, z_ohm)| z_ohm.is_finite()).collect();
-    all.sort_by(|a, b| a.1.re.total_cmp(&b.1.re));
-    let (along, size) = all.iter().fold((0.0, 0.0), |(along, size), (omega, z_ohm)| (along + omega * z_ohm.im, size + omega * omega));
-    all.get(all.len() / 2).map(|(_, z_ohm)| Below { r_ohm: z_ohm.re, l_h: if size > 0.0 { along / size } else { 0.0 } })
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let upper = &all[all.len() / 2..];
+    Some(Below { r_ohm: median(all.iter().map(|(_, z_ohm)| z_ohm.re))?, l_h: median(upper.iter().map(|(omega, z_ohm)| z_ohm.im / omega))? })
+}
+
+/// The middle one.
+fn median(of: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut sorted: Vec<f64> = of.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied()
 }
 
 /// Standard deviations of both parts of each point.

@@ -228,6 +228,26 @@ fn logs_without_current_repeat_each_other() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
+/// A zero error of 2.3 standard deviations is counted as 1 % of the charge within an hour and a half: 21 mV of the open-circuit voltage, in that repeat alone.
+#[test]
+fn a_zero_error_of_a_long_record_is_no_other_run() {
+    let mut set = campaign(&Hidden::default(), 1);
+    for (nth, zero_a) in (0..3u32).zip([0.07, -0.01, 0.0]) {
+        let mut run = set.runs.iter().find(|run| run.name == "pulse_0").unwrap().clone();
+        (run.name, run.repeat_group, run.order) = (format!("rest_{nth}"), "rest".to_owned(), 100 + nth);
+        set.runs.push(run);
+        let s = series(&mut set, &format!("rest_{nth}"));
+        let level_v = s.voltage_v[0];
+        for k in 0..s.len() {
+            (s.current_a[k], s.voltage_v[k]) = (zero_a, level_v);
+        }
+        let lasts_s = s.time_s[s.len() - 1];
+        s.time_s.iter_mut().for_each(|t| *t *= 5400.0 / lasts_s);
+    }
+    let wrong: Vec<_> = found(&set).into_iter().filter(|(check, _)| *check == Check::Repeats).collect();
+    assert!(wrong.is_empty(), "{wrong:?}");
+}
+
 #[test]
 fn refused_data_end_as_invalid() {
     let mut set = campaign(&Hidden::default(), 1);
