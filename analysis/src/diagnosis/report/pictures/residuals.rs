@@ -8,20 +8,29 @@ use num_complex::Complex64;
 
 /// Most pieces a record is drawn in.
 const PIECES: usize = 250;
+/// Part of a record's pieces at either end of the axis that may lie beyond it: where an edge falls between two samples, one of them can be off by the whole step of
+/// the voltage, and everything else would be a flat line.
+const BEYOND: f64 = 0.03;
+/// How much shorter that must make the axis.
+const SHORTER: f64 = 1.5;
+/// Room beyond the lines, as a part of their range.
+const ROOM: f64 = 0.25;
 
 /// The picture of a run, under its name made fit for a file; none where nothing can be drawn.
 pub(super) fn picture(d: &Diagnosis, run: &RunCurves) -> Option<Picture> {
-    let (kind, panels) = match &run.curves {
+    let (kind, (panels, beyond_mv)) = match &run.curves {
         Curves::Time { .. } => (Kind::Time, time_panels(d, &run.curves)?),
-        Curves::Eis { .. } => (Kind::Spectrum, spectrum_panels(d, &run.curves)?),
+        Curves::Eis { .. } => (Kind::Spectrum, (spectrum_panels(d, &run.curves)?, None)),
     };
     let role = if run.held_out { "held out" } else { "training" };
     let title = format!("{}, {role}: measured less predicted", run.name);
     let chart = Chart::new(&title, &subtitle(d, &run.curves), panels);
     let caption = match kind {
         Kind::Time => format!(
-            "Voltage of {} ({role}), measured less predicted: lines are means over pieces of the record, their pale areas reach from the lowest to the highest sample.",
-            run.name
+            "Voltage of {} ({role}), measured less predicted: lines are means over pieces of the record, their pale areas reach from the lowest to the highest sample.{}",
+            run.name,
+            beyond_mv
+                .map_or_else(String::new, |mv| format!(" At edges of the current they reach beyond the axis, up to {} mV.", plain(mv)))
         ),
         _ => format!("Impedance of {} ({role}), measured less predicted, with the band of the noise.", run.name),
     };
@@ -62,7 +71,8 @@ fn others(curves: &Curves) -> (f64, f64) {
     }
 }
 
-fn time_panels(d: &Diagnosis, curves: &Curves) -> Option<Vec<Panel>> {
+/// The panels, and how far the lines reach where that is beyond the axis, mV.
+fn time_panels(d: &Diagnosis, curves: &Curves) -> Option<(Vec<Panel>, Option<f64>)> {
     let Curves::Time { time_s, current_a, measured_v, eis_only_v, base_v, augmented_v, floor_v } = curves else { return None };
     let (factor, unit) = time_unit(time_s);
     let time: Vec<f64> = time_s.iter().map(|t| t / factor).collect();
@@ -78,15 +88,19 @@ fn time_panels(d: &Diagnosis, curves: &Curves) -> Option<Vec<Panel>> {
     if has_after(d) {
         traces.extend(line(&format!("with {}", effect_names(d)), AFTER, &residual(augmented_v)));
     }
+    let range = range(&traces);
+    let y = AxisSpec::linear("Voltage residual / mV");
+    let (y, beyond_mv) = match range {
+        Some(ends) => (y.between(ends.0, ends.1), traces.iter_mut().map(|trace| cut(trace, ends)).fold(None, f64_max)),
+        None => (y, None),
+    };
     let (first, last) = (time.first().copied()?, time.last().copied()?);
     let x = || AxisSpec::linear(&format!("Time / {unit}")).between(first, if last > first { last } else { first + 1.0 });
     let current = steps(ALONE, &time, current_a);
     (current.iter().all(|t| !t.points.is_empty()) && traces.iter().any(|t| t.style == TraceStyle::Line && !t.points.is_empty())).then(
         || {
-            vec![
-                Panel::new(x(), AxisSpec::linear("Voltage residual / mV"), traces),
-                Panel { aspect: 0.18, ..Panel::new(x(), AxisSpec::linear("Discharge / A"), current) },
-            ]
+            let below = Panel { aspect: 0.18, ..Panel::new(x(), AxisSpec::linear("Discharge / A"), current) };
+            (vec![Panel::new(x(), y, traces), below], beyond_mv)
         },
     )
 }
@@ -148,6 +162,41 @@ fn thinned(label: &str, colour: usize, x: &[f64], y: &[f64]) -> Vec<Trace> {
     vec![Trace::new("", colour, TraceStyle::Band, middles).with_spread(halves), Trace::new(label, colour, TraceStyle::Line, means)]
 }
 
+/// Ends of an axis that show all lines but their outermost pieces, and zero; none where all pieces need hardly more room.
+fn range(traces: &[Trace]) -> Option<(f64, f64)> {
+    let mut values: Vec<f64> = traces.iter().filter(|t| t.style == TraceStyle::Line).flat_map(|t| &t.points).map(|p| p.1).collect();
+    values.sort_by(f64::total_cmp);
+    let beyond = (BEYOND * values.len() as f64) as usize;
+    let (least, greatest) = (values.first()?.min(0.0), values.last()?.max(0.0));
+    let (low, high) = (values[beyond].min(0.0), values[values.len() - 1 - beyond].max(0.0));
+    let room = ROOM * (high - low);
+    let spread = |t: &Trace| t.points.iter().zip(&t.spread).fold((least, greatest), |(lo, hi), (p, s)| (lo.min(p.1 - s), hi.max(p.1 + s)));
+    let (lowest, highest) = traces.iter().map(spread).fold((least, greatest), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+    (high > low && highest - lowest > SHORTER * (high - low + 2.0 * room)).then_some((low - room, high + room))
+}
+
+/// Cuts what of a trace lies beyond an axis off; how far a line reached, where it did.
+fn cut(trace: &mut Trace, (low, high): (f64, f64)) -> Option<f64> {
+    let (mut farthest, is_noise) = (None, trace.style == TraceStyle::Band && trace.label.is_some());
+    for (k, point) in trace.points.iter_mut().enumerate() {
+        let spread = trace.spread.get(k).copied().unwrap_or(0.0);
+        let (from, to) = (point.1 - spread, point.1 + spread);
+        if (from < low || to > high) && !is_noise {
+            farthest = f64_max(farthest, Some(from.abs().max(to.abs())));
+        }
+        let (from, to) = (from.clamp(low, high), to.clamp(low, high));
+        point.1 = 0.5 * (from + to);
+        if let Some(spread) = trace.spread.get_mut(k) {
+            *spread = 0.5 * (to - from);
+        }
+    }
+    farthest
+}
+
+fn f64_max(a: Option<f64>, b: Option<f64>) -> Option<f64> {
+    a.into_iter().chain(b).reduce(f64::max)
+}
+
 /// A current by the samples at which it changes, as corners; as [`thinned`] where it changes all the time.
 fn steps(colour: usize, time: &[f64], current_a: &[f64]) -> Vec<Trace> {
     let (low, high) = current_a.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), i| (lo.min(*i), hi.max(*i)));
@@ -166,6 +215,22 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// 9 mV that decay, and one sample of 100 mV.
+    #[test]
+    fn a_spike_does_not_make_all_else_flat() {
+        let points =
+            |spike: f64| (0..200).map(|k| (f64::from(k), if k == 60 { spike } else { 9.0 * (-f64::from(k) / 50.0).exp() })).collect();
+        let line = |spike: f64| Trace::new("refit", BEFORE, TraceStyle::Line, points(spike));
+        let band = Trace::new("noise", NOISE, TraceStyle::Band, vec![(0.0, 0.0), (199.0, 0.0)]).with_spread(vec![1.0, 300.0]);
+        let ends = range(&[band.clone(), line(-100.0)]).unwrap();
+        assert!(ends.1 > 9.0 && ends.1 < 12.0 && ends.0 < 0.0 && ends.0 > -3.0, "{ends:?}");
+        let (mut band, mut spiked) = (band, line(-100.0));
+        assert_eq!((cut(&mut band, ends), cut(&mut spiked, ends)), (None, Some(100.0)));
+        assert!(spiked.points.iter().all(|p| p.1 >= ends.0) && spiked.points[59] == line(0.0).points[59]);
+        assert!((band.points[1].1 + band.spread[1] - ends.1).abs() < 1e-12 && band.spread[0] == 1.0);
+        assert_eq!(range(&[line(-3.0)]), None, "it fits");
+    }
 
     #[test]
     fn a_spike_survives_the_thinning() {
