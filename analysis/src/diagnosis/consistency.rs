@@ -93,6 +93,7 @@ pub(super) fn inconsistencies(problem: &Problem, (base, fit): (&Fit, &Fit), desk
     let corrected = holm(&found.iter().map(|f| f.p_value).collect::<Vec<f64>>());
     found.iter_mut().zip(corrected).for_each(|(f, p)| f.p_value = p);
     found.extend(comes_and_goes(problem, fit, gained));
+    found.extend(same_in_repeats(problem, fit, gained));
     found.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then((b.chi2 / b.dof as f64).total_cmp(&(a.chi2 / a.dof as f64))));
     found
 }
@@ -108,6 +109,39 @@ fn comes_and_goes(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistenc
         over: format!("moments of a run {tau_s} s apart").into(),
         chi2: *chi2,
         dof: dof.round() as usize,
+        p_value,
+    };
+    asked.iter().zip(corrected).map(found).collect()
+}
+
+/// Whether something is left that all repeats of a kind of run have in common: their mean has all of it and, by the root of their number, less noise. A family of its own,
+/// for it is asked of sums of squares.
+fn same_in_repeats(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistency> {
+    let mut groups: BTreeMap<(&str, usize), (usize, Vec<f64>)> = BTreeMap::new();
+    let mut first = 0;
+    for k in problem.of_role(Role::Train) {
+        let block = &problem.blocks[k];
+        let rows = first..first + block.rows();
+        first = rows.end;
+        let (count, sums) = groups.entry((&block.group, block.rows())).or_insert_with(|| (0, vec![0.0; block.rows()]));
+        *count += 1;
+        sums.iter_mut().zip(&fit.residuals[rows]).for_each(|(sum, r)| *sum += r);
+    }
+    let means = groups.iter().filter(|(_, (count, _))| *count > 1);
+    let mut asked: Vec<(String, f64, usize)> =
+        means.map(|((group, rows), (count, s))| (format!("all repeats of {group}"), dot(s, s) / *count as f64, *rows)).collect();
+    if asked.len() > 1 {
+        let (chi2, rows) = asked.iter().fold((0.0, 0), |(chi2, rows), of| (chi2 + of.1, rows + of.2));
+        // The fit has taken up as much as it has parameters.
+        asked.push(("the means of all repeats".to_owned(), chi2, rows.saturating_sub(fit.x.len()).max(1)));
+    }
+    let p_values = asked.iter().map(|(_, chi2, dof)| chi2_tail(*dof as f64 + beyond_formula(chi2 - *dof as f64, gained), *dof as f64));
+    let corrected = holm(&p_values.collect::<Vec<f64>>());
+    let found = |((of, chi2, dof), p_value): (&(String, f64, usize), f64)| Inconsistency {
+        quantity: "what is left".to_owned(),
+        over: format!("the rows of {of}").into(),
+        chi2: *chi2,
+        dof: *dof,
         p_value,
     };
     asked.iter().zip(corrected).map(found).collect()

@@ -197,6 +197,22 @@ fn what_differs_between_circumstances_is_no_noise() {
     assert!(!differs(&with(&ranged(101, 0.0), Guards::default())));
 }
 
+/// A ripple over the charge is no effect of the catalogue. In each record it is a third of the noise; the mean of three has all of it.
+#[test]
+fn what_all_repeats_have_in_common_is_no_noise() {
+    let set = |ripple_v: f64| {
+        let hidden = Hidden { ripple_v, ..Hidden::default() };
+        campaign(107, &hidden, &hidden)
+    };
+    let told = |d: &Diagnosis| d.notes.iter().any(|n| n.contains("what is left is not the same over the rows of"));
+    let on = with(&set(4.5e-4), Guards::default());
+    assert!(on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && told(&on), "{:?} {:?}", on.quality, on.notes);
+    let off = with(&set(4.5e-4), Guards { consistency: false, ..Guards::default() });
+    assert_eq!(off.verdict, Verdict::AtNoiseFloor, "{} {:?}", off.summary, off.notes);
+    let still = with(&set(0.0), Guards::default());
+    assert!(still.verdict == Verdict::AtNoiseFloor && !told(&still), "{:?}", still.notes);
+}
+
 /// 15 µΩ at 20 to 60 A are 0.3 to 0.9 mV for some samples of some pulses, in another way in each repeat.
 #[test]
 fn a_contact_that_comes_and_goes_is_no_noise() {
