@@ -64,23 +64,27 @@ fn swung_c(start_s: f64, points: &[Point]) -> f64 {
         return 0.0;
     }
     let apart_s: Vec<f64> = visited.windows(2).map(|w| w[1].start_s - w[0].start_s).collect();
-    // A point takes a wait and some periods: most tell how long and how many.
-    let (wait_s, periods) = (median(apart_s.iter().copied()), median(apart_s.iter().zip(&visited[1..]).map(|(s, p)| s * p.freq_hz)));
+    // A point takes a wait, which the quick ones tell, and some periods, which the slow ones tell.
+    let mut by_frequency: Vec<(f64, f64)> = apart_s.iter().zip(&visited[1..]).map(|(s, p)| (p.freq_hz, *s)).collect();
+    by_frequency.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (slow, quick) = by_frequency.split_at(by_frequency.len().div_ceil(2));
+    let wait_s = median(quick.iter().map(|(_, s)| *s));
+    let periods = median(slow.iter().map(|(freq_hz, s)| (s - wait_s).max(0.0) * freq_hz));
     // A sweep that was interrupted went on much later.
     let usual = |s: f64, p: &Point| if s <= INTERRUPTED * (wait_s + periods / p.freq_hz) { s } else { wait_s };
     // Before the first point the cell rested, for how long is not told; a point's time is the middle of its capture.
-    let before_s = apart_s[0].min(first.start_s - start_s);
+    let before_s = usual(apart_s[0], visited[1]).min(first.start_s - start_s);
     let after_s = 0.5 * usual(apart_s[apart_s.len() - 1], last);
     let swung = |s: f64, p: &Point| s * p.amplitude_a.unwrap_or(0.0);
     let between: f64 = apart_s.iter().zip(&visited[1..]).map(|(s, p)| swung(usual(*s, p), p)).sum();
     std::f64::consts::FRAC_2_PI * (swung(before_s, first) + between + swung(after_s, last))
 }
 
-/// The middle one, 0 of none.
+/// The middle one, of an even number the lower, 0 of none.
 fn median(of: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = of.collect();
     sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+    sorted.get(sorted.len().saturating_sub(1) / 2).copied().unwrap_or(0.0)
 }
 
 /// Charges without a reversal, and swings between them.

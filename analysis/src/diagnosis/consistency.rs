@@ -16,14 +16,14 @@
 use super::block::{Current, Desk, Kind};
 use super::data::Role;
 use super::guards::beyond_formula;
-use super::intermittent::{TAUS_S, intermittent};
+use super::in_common::in_common;
+use super::intermittent::comes_and_goes;
 use super::localise::{Ranges, places};
 use super::periodic::{Wave, wave};
 use super::problem::{Fit, Problem, Tangent};
 use super::structure::Structure;
 use super::whitening::dot;
 use crate::validity::tail::{chi2_tail, holm};
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// Part of a direction that must be left outside of all others to be one.
@@ -33,17 +33,15 @@ const STEP: f64 = 1e-3;
 /// A pulse has at least this part of the largest current: smaller ones tell little.
 const FLOWS: f64 = 0.2;
 
-/// A quantity that may differ between circumstances.
+/// What may say that something is left.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Inconsistency {
-    /// What differs, in words.
-    pub(super) quantity: String,
-    /// Between which circumstances.
-    pub(super) over: Cow<'static, str>,
+    /// In words: what differs between which circumstances.
+    pub(super) said: String,
     /// χ² that would go if it could, and as how many quantities.
     pub(super) chi2: f64,
     pub(super) dof: usize,
-    /// Probability that one value does, corrected for the number of questions.
+    /// Probability of so much by noise, corrected for the number of questions.
     pub(super) p_value: f64,
 }
 
@@ -82,69 +80,21 @@ pub(super) fn inconsistencies(problem: &Problem, (base, fit): (&Fit, &Fit), desk
             let beyond = beyond_formula(q, gained);
             if dof > 0 {
                 let p_value = chi2_tail(beyond, dof as f64);
-                found.push(Inconsistency { quantity: quantity.name.clone(), over: (*over).into(), chi2: q, dof, p_value });
+                found.push(Inconsistency { said: format!("{} is not the same over {over}", quantity.name), chi2: q, dof, p_value });
             }
         }
     }
     if let Some(Wave { period_s, chi2, dof, p_value }) = wave(problem, fit, |chi2| beyond_formula(chi2, gained)) {
-        let over = format!("the phase of a wave of {period_s:.3} s").into();
-        found.push(Inconsistency { quantity: "what is left".to_owned(), over, chi2, dof, p_value });
+        let said = format!("what is left is not the same over the phase of a wave of {period_s:.3} s");
+        found.push(Inconsistency { said, chi2, dof, p_value });
     }
     let corrected = holm(&found.iter().map(|f| f.p_value).collect::<Vec<f64>>());
     found.iter_mut().zip(corrected).for_each(|(f, p)| f.p_value = p);
+    // Families of their own: what they find has no place among circumstances.
     found.extend(comes_and_goes(problem, fit, gained));
-    found.extend(same_in_repeats(problem, fit, gained));
+    found.extend(in_common(problem, fit, gained));
     found.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then((b.chi2 / b.dof as f64).total_cmp(&(a.chi2 / a.dof as f64))));
     found
-}
-
-/// Whether the series resistance is the same at all moments of a run, probabilities corrected for the times that are asked for. A family of its own: what it finds has
-/// no place among circumstances.
-fn comes_and_goes(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistency> {
-    let asked: Vec<(f64, (f64, f64))> = TAUS_S.into_iter().zip(intermittent(problem, fit)).filter(|(_, (_, dof))| *dof > 0.0).collect();
-    let p_values = asked.iter().map(|(_, (chi2, dof))| chi2_tail(dof + beyond_formula(chi2 - dof, gained), *dof));
-    let corrected = holm(&p_values.collect::<Vec<f64>>());
-    let found = |((tau_s, (chi2, dof)), p_value): (&(f64, (f64, f64)), f64)| Inconsistency {
-        quantity: "the series resistance".to_owned(),
-        over: format!("moments of a run {tau_s} s apart").into(),
-        chi2: *chi2,
-        dof: dof.round() as usize,
-        p_value,
-    };
-    asked.iter().zip(corrected).map(found).collect()
-}
-
-/// Whether something is left that all repeats of a kind of run have in common: their mean has all of it and, by the root of their number, less noise. A family of its own,
-/// for it is asked of sums of squares.
-fn same_in_repeats(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistency> {
-    let mut groups: BTreeMap<(&str, usize), (usize, Vec<f64>)> = BTreeMap::new();
-    let mut first = 0;
-    for k in problem.of_role(Role::Train) {
-        let block = &problem.blocks[k];
-        let rows = first..first + block.rows();
-        first = rows.end;
-        let (count, sums) = groups.entry((&block.group, block.rows())).or_insert_with(|| (0, vec![0.0; block.rows()]));
-        *count += 1;
-        sums.iter_mut().zip(&fit.residuals[rows]).for_each(|(sum, r)| *sum += r);
-    }
-    let means = groups.iter().filter(|(_, (count, _))| *count > 1);
-    let mut asked: Vec<(String, f64, usize)> =
-        means.map(|((group, rows), (count, s))| (format!("all repeats of {group}"), dot(s, s) / *count as f64, *rows)).collect();
-    if asked.len() > 1 {
-        let (chi2, rows) = asked.iter().fold((0.0, 0), |(chi2, rows), of| (chi2 + of.1, rows + of.2));
-        // The fit has taken up as much as it has parameters.
-        asked.push(("the means of all repeats".to_owned(), chi2, rows.saturating_sub(fit.x.len()).max(1)));
-    }
-    let p_values = asked.iter().map(|(_, chi2, dof)| chi2_tail(*dof as f64 + beyond_formula(chi2 - *dof as f64, gained), *dof as f64));
-    let corrected = holm(&p_values.collect::<Vec<f64>>());
-    let found = |((of, chi2, dof), p_value): (&(String, f64, usize), f64)| Inconsistency {
-        quantity: "what is left".to_owned(),
-        over: format!("the rows of {of}").into(),
-        chi2: *chi2,
-        dof: *dof,
-        p_value,
-    };
-    asked.iter().zip(corrected).map(found).collect()
 }
 
 /// What is left without what noise of the logged current has made of the prediction. The derivatives hold that noise as well: where little else flows, a resistance

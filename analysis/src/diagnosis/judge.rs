@@ -34,8 +34,8 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
         d.notes.push(format!("held-out runs are missed by {held_out_z:.1} standard deviations of their χ²"));
     }
     if let Some(differs) = differs {
-        let Inconsistency { quantity, over, chi2, dof, p_value } = differs;
-        d.notes.push(format!("{quantity} is not the same over {over}: χ² {chi2:.0} of {dof}, p {p_value:.1e}"));
+        let Inconsistency { said, chi2, dof, p_value } = differs;
+        d.notes.push(format!("{said}: χ² {chi2:.0} of {dof}, p {p_value:.1e}"));
     }
     if let Some(reason) = moved {
         d.verdict = Verdict::Unexplained;

@@ -16,6 +16,7 @@ mod experiment;
 mod followed;
 pub mod gate;
 mod guards;
+mod in_common;
 mod intermittent;
 mod intervals;
 mod judge;

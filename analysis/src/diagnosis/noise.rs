@@ -213,6 +213,11 @@ impl Shape {
         &self.shared
     }
 
+    /// One standard deviation each of errors of a run that its repeats may have too: nobody knows whether they are anew.
+    pub(super) fn known(&self) -> &[Vec<f64>] {
+        &self.known
+    }
+
     /// Repeats of so many runs meet the same codes at the same voltages: their mean is no better than one.
     pub(super) fn share_codes(&mut self, repeats: usize) {
         self.codes.iter_mut().for_each(|c| *c *= repeats as f64);

@@ -101,7 +101,7 @@ fn guarded_shapes(blocks: &[Block], about: About<'_>, (guards, desk): (Guards, &
 
 /// Whiteners, standard deviations and shared errors of a problem.
 fn weigh(problem: &mut Problem, shapes: &[Shape], estimate: &Estimate) -> Result<(), DataSetError> {
-    (problem.whiteners, problem.floors) = (Vec::with_capacity(shapes.len()), Vec::with_capacity(shapes.len()));
+    (problem.whiteners, problem.floors, problem.repeating) = (Vec::new(), Vec::new(), Vec::new());
     let mut errors = Errors::default();
     for (block, shape) in problem.blocks.iter().zip(shapes) {
         let n = block.rows();
@@ -114,6 +114,12 @@ fn weigh(problem: &mut Problem, shapes: &[Shape], estimate: &Estimate) -> Result
         if block.role == Role::Train {
             errors.iter_mut().zip(shape.shared()).for_each(|(all, v)| whitener.apply(v, all));
         }
+        let white = |v: &Vec<f64>| {
+            let mut rows = Vec::with_capacity(n);
+            whitener.apply(v, &mut rows);
+            rows
+        };
+        problem.repeating.push(shape.known().iter().map(white).collect());
         problem.whiteners.push(whitener);
     }
     problem.shared = Shared::new(errors);

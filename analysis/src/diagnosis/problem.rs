@@ -28,6 +28,8 @@ pub(super) struct Problem {
     pub(super) shared: Shared,
     /// Standard deviation of every row of every block.
     pub(super) floors: Vec<Vec<f64>>,
+    /// Whitened errors of every block that its repeats may have too.
+    pub(super) repeating: Vec<Vec<Vec<f64>>>,
 }
 
 /// What is predicted for the runs of a role.
@@ -58,7 +60,7 @@ pub(super) struct Fit {
 impl Problem {
     /// Without any noise yet.
     pub(super) fn unweighed(base: Base, blocks: Vec<Block>) -> Self {
-        Self { base, blocks, whiteners: Vec::new(), shared: Shared::default(), floors: Vec::new() }
+        Self { base, blocks, whiteners: Vec::new(), shared: Shared::default(), floors: Vec::new(), repeating: Vec::new() }
     }
 
     pub(super) fn branches(&self) -> usize {

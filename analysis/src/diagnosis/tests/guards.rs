@@ -204,7 +204,7 @@ fn what_all_repeats_have_in_common_is_no_noise() {
         let hidden = Hidden { ripple_v, ..Hidden::default() };
         campaign(107, &hidden, &hidden)
     };
-    let told = |d: &Diagnosis| d.notes.iter().any(|n| n.contains("what is left is not the same over the rows of"));
+    let told = |d: &Diagnosis| d.notes.iter().any(|n| n.contains("have more in common than the model"));
     let on = with(&set(4.5e-4), Guards::default());
     assert!(on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && told(&on), "{:?} {:?}", on.quality, on.notes);
     let off = with(&set(4.5e-4), Guards { consistency: false, ..Guards::default() });
@@ -220,7 +220,7 @@ fn a_contact_that_comes_and_goes_is_no_noise() {
         let hidden = Hidden { telegraph_ohm, ..Hidden::default() };
         campaign(103, &hidden, &hidden)
     };
-    let told = |d: &Diagnosis| d.notes.iter().any(|n| n.contains("the series resistance is not the same over moments of a run"));
+    let told = |d: &Diagnosis| d.notes.iter().any(|n| n.contains("what is left under current comes and goes"));
     let on = with(&set(15e-6), Guards::default());
     assert!(on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && told(&on), "{:?} {:?}", on.quality, on.notes);
     let off = with(&set(15e-6), Guards { consistency: false, ..Guards::default() });

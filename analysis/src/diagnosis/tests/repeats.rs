@@ -128,8 +128,8 @@ fn swung(visited: &[(f64, f64)]) -> Vec<Moved> {
 
 #[test]
 fn a_sweep_moves_charge_to_and_fro() {
-    let met = swung(&[(0.1, 87_480.0), (1.0, 160.0), (10.0, 80.0), (100.0, 0.0)]);
-    // 80 s from point to point and as long for the first; what is a day longer, and its half after the last point, are no more than that.
+    let met = swung(&[(0.1, 3840.0), (1.0, 160.0), (10.0, 80.0), (100.0, 0.0)]);
+    // 80 s from point to point and as long for the first; what is an hour longer, and its half after the last point, are no more than that.
     let through_c = 2.0 * std::f64::consts::FRAC_2_PI * (80.0 + 80.0 + 80.0 + 80.0 + 40.0);
     let expected = [Moved::one_way(-100.0), Moved { charge_c: 0.0, through_c }, Moved::one_way(-95.0)];
     assert_eq!(met.len(), 3, "{met:?}");

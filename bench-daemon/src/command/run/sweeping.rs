@@ -189,8 +189,9 @@ pub(super) fn below(phasors: &[ChannelPhasors], shunt_ohm: f64) -> Option<Below>
     };
     let mut all: Vec<(f64, Complex64)> = phasors.iter().map(of).filter(|(_, z_ohm)| z_ohm.is_finite()).collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let upper = &all[all.len() / 2..];
-    Some(Below { r_ohm: median(all.iter().map(|(_, z_ohm)| z_ohm.re))?, l_h: median(upper.iter().map(|(omega, z_ohm)| z_ohm.im / omega))? })
+    let upper = all[all.len() / 2..].iter().filter(|(omega, _)| *omega > 0.0);
+    let l_h = median(upper.map(|(omega, z_ohm)| z_ohm.im / omega)).unwrap_or(0.0);
+    median(all.iter().map(|(_, z_ohm)| z_ohm.re)).map(|r_ohm| Below { r_ohm, l_h })
 }
 
 /// The middle one.

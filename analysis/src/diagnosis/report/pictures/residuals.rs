@@ -29,8 +29,7 @@ pub(super) fn picture(d: &Diagnosis, run: &RunCurves) -> Option<Picture> {
         Kind::Time => format!(
             "Voltage of {} ({role}), measured less predicted: lines are means over pieces of the record, their pale areas reach from the lowest to the highest sample.{}",
             run.name,
-            beyond_mv
-                .map_or_else(String::new, |mv| format!(" At edges of the current they reach beyond the axis, up to {} mV.", plain(mv)))
+            beyond_mv.map_or_else(String::new, |mv| format!(" Some pieces reach beyond the axis, up to {} mV.", plain(mv)))
         ),
         _ => format!("Impedance of {} ({role}), measured less predicted, with the band of the noise.", run.name),
     };
@@ -164,14 +163,17 @@ fn thinned(label: &str, colour: usize, x: &[f64], y: &[f64]) -> Vec<Trace> {
 
 /// Ends of an axis that show all lines but their outermost pieces, and zero; none where all pieces need hardly more room.
 fn range(traces: &[Trace]) -> Option<(f64, f64)> {
-    let mut values: Vec<f64> = traces.iter().filter(|t| t.style == TraceStyle::Line).flat_map(|t| &t.points).map(|p| p.1).collect();
-    values.sort_by(f64::total_cmp);
-    let beyond = (BEYOND * values.len() as f64) as usize;
-    let (least, greatest) = (values.first()?.min(0.0), values.last()?.max(0.0));
-    let (low, high) = (values[beyond].min(0.0), values[values.len() - 1 - beyond].max(0.0));
+    let wider = |(lo, hi): (f64, f64), (a, b): (f64, f64)| (lo.min(a), hi.max(b));
+    let most = |line: &Trace| {
+        let mut values: Vec<f64> = line.points.iter().map(|p| p.1).collect();
+        values.sort_by(f64::total_cmp);
+        let beyond = (BEYOND * values.len() as f64) as usize;
+        values.get(beyond).copied().zip(values.iter().nth_back(beyond).copied()).unwrap_or_default()
+    };
+    let (low, high) = traces.iter().filter(|t| t.style == TraceStyle::Line).map(most).fold((0.0, 0.0), wider);
+    let of_point = |t: &Trace, k: usize| t.spread.get(k).map_or((t.points[k].1, t.points[k].1), |s| (t.points[k].1 - s, t.points[k].1 + s));
+    let (lowest, highest) = traces.iter().flat_map(|t| (0..t.points.len()).map(move |k| of_point(t, k))).fold((low, high), wider);
     let room = ROOM * (high - low);
-    let spread = |t: &Trace| t.points.iter().zip(&t.spread).fold((least, greatest), |(lo, hi), (p, s)| (lo.min(p.1 - s), hi.max(p.1 + s)));
-    let (lowest, highest) = traces.iter().map(spread).fold((least, greatest), |a, b| (a.0.min(b.0), a.1.max(b.1)));
     (high > low && highest - lowest > SHORTER * (high - low + 2.0 * room)).then_some((low - room, high + room))
 }
 

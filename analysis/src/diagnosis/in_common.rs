@@ -1,0 +1,47 @@
+//! Whether something is left that all repeats of a kind of run have in common: their mean has all of it and, by the root of their number, less noise.
+//!
+//! With rₖ the whitened residuals of m repeats, |Σ rₖ|²/m is χ² of one run's rows where only noise is left. Errors that may be the same in repeats (codes of the
+//! current, where an edge fell between two samples) are taken out of it.
+
+use super::consistency::Inconsistency;
+use super::data::Role;
+use super::guards::beyond_formula;
+use super::problem::{Fit, Problem, Tangent};
+use super::whitening::dot;
+use crate::validity::tail::{chi2_tail, holm};
+use std::collections::BTreeMap;
+
+/// Each group of repeats, and all of them together, probabilities corrected for their number; `gained` is the λ of what was named.
+pub(super) fn in_common(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistency> {
+    let mut groups: BTreeMap<(&str, usize), (Vec<usize>, Vec<f64>)> = BTreeMap::new();
+    let mut first = 0;
+    for k in problem.of_role(Role::Train) {
+        let block = &problem.blocks[k];
+        let rows = first..first + block.rows();
+        first = rows.end;
+        let (members, sums) = groups.entry((&block.group, block.rows())).or_insert_with(|| (Vec::new(), vec![0.0; block.rows()]));
+        members.push(k);
+        sums.iter_mut().zip(&fit.residuals[rows]).for_each(|(sum, r)| *sum += r);
+    }
+    let mut asked: Vec<(String, f64, usize)> = Vec::new();
+    for ((group, rows), (members, mut sums)) in groups.into_iter().filter(|(_, (members, _))| members.len() > 1) {
+        let mut common = Tangent::default();
+        problem.repeating[members[0]].iter().for_each(|v| common.add(v.clone()));
+        common.project(&mut sums);
+        asked.push((group.to_owned(), dot(&sums, &sums) / members.len() as f64, rows - common.basis.len().min(rows)));
+    }
+    if asked.len() > 1 {
+        let (chi2, rows) = asked.iter().fold((0.0, 0), |(chi2, rows), of| (chi2 + of.1, rows + of.2));
+        asked.push(("every kind".to_owned(), chi2, rows));
+    }
+    asked.retain(|(_, _, dof)| *dof > 0);
+    let p_values = asked.iter().map(|(_, chi2, dof)| chi2_tail(*dof as f64 + beyond_formula(chi2 - *dof as f64, gained), *dof as f64));
+    let corrected = holm(&p_values.collect::<Vec<f64>>());
+    let found = |((group, chi2, dof), p_value): (&(String, f64, usize), f64)| Inconsistency {
+        said: format!("all repeats of {group} have more in common than the model"),
+        chi2: *chi2,
+        dof: *dof,
+        p_value,
+    };
+    asked.iter().zip(corrected).map(found).collect()
+}
