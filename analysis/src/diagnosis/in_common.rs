@@ -11,24 +11,32 @@ use super::whitening::dot;
 use crate::validity::tail::{chi2_tail, holm};
 use std::collections::BTreeMap;
 
+/// Repeats: their blocks, and the sum of their whitened residuals.
+#[derive(Default)]
+struct Repeats {
+    blocks: Vec<usize>,
+    sum: Vec<f64>,
+}
+
 /// Each group of repeats, and all of them together, probabilities corrected for their number; `gained` is the λ of what was named.
 pub(super) fn in_common(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistency> {
-    let mut groups: BTreeMap<(&str, usize), (Vec<usize>, Vec<f64>)> = BTreeMap::new();
+    let mut groups: BTreeMap<(&str, usize), Repeats> = BTreeMap::new();
     let mut first = 0;
     for k in problem.of_role(Role::Train) {
         let block = &problem.blocks[k];
         let rows = first..first + block.rows();
         first = rows.end;
-        let (members, sums) = groups.entry((&block.group, block.rows())).or_insert_with(|| (Vec::new(), vec![0.0; block.rows()]));
-        members.push(k);
-        sums.iter_mut().zip(&fit.residuals[rows]).for_each(|(sum, r)| *sum += r);
+        let repeats = groups.entry((&block.group, block.rows())).or_default();
+        repeats.blocks.push(k);
+        repeats.sum.resize(block.rows(), 0.0);
+        repeats.sum.iter_mut().zip(&fit.residuals[rows]).for_each(|(sum, r)| *sum += r);
     }
     let mut asked: Vec<(String, f64, usize)> = Vec::new();
-    for ((group, rows), (members, mut sums)) in groups.into_iter().filter(|(_, (members, _))| members.len() > 1) {
+    for ((group, rows), Repeats { blocks, mut sum }) in groups.into_iter().filter(|(_, repeats)| repeats.blocks.len() > 1) {
         let mut common = Tangent::default();
-        problem.repeating[members[0]].iter().for_each(|v| common.add(v.clone()));
-        common.project(&mut sums);
-        asked.push((group.to_owned(), dot(&sums, &sums) / members.len() as f64, rows - common.basis.len().min(rows)));
+        problem.repeating[blocks[0]].iter().for_each(|v| common.add(v.clone()));
+        common.project(&mut sum);
+        asked.push((group.to_owned(), dot(&sum, &sum) / blocks.len() as f64, rows - common.basis.len().min(rows)));
     }
     if asked.len() > 1 {
         let (chi2, rows) = asked.iter().fold((0.0, 0), |(chi2, rows), of| (chi2 + of.1, rows + of.2));
