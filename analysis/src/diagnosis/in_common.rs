@@ -4,7 +4,6 @@
 //! current, where an edge fell between two samples) are taken out of it.
 
 use super::consistency::Inconsistency;
-use super::data::Role;
 use super::guards::beyond_formula;
 use super::problem::{Fit, Problem, Tangent};
 use super::whitening::dot;
@@ -21,15 +20,11 @@ struct Repeats {
 /// Each group of repeats, and all of them together, probabilities corrected for their number; `gained` is the λ of what was named.
 pub(super) fn in_common(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistency> {
     let mut groups: BTreeMap<(&str, usize), Repeats> = BTreeMap::new();
-    let mut first = 0;
-    for k in problem.of_role(Role::Train) {
-        let block = &problem.blocks[k];
-        let rows = first..first + block.rows();
-        first = rows.end;
+    for (k, block, left) in problem.left(fit) {
         let repeats = groups.entry((&block.group, block.rows())).or_default();
         repeats.blocks.push(k);
         repeats.sum.resize(block.rows(), 0.0);
-        repeats.sum.iter_mut().zip(&fit.residuals[rows]).for_each(|(sum, r)| *sum += r);
+        repeats.sum.iter_mut().zip(left).for_each(|(sum, r)| *sum += r);
     }
     let mut asked: Vec<(String, f64, usize)> = Vec::new();
     for ((group, rows), Repeats { blocks, mut sum }) in groups.into_iter().filter(|(_, repeats)| repeats.blocks.len() > 1) {

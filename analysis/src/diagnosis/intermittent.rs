@@ -13,11 +13,11 @@
 
 use super::block::Kind;
 use super::consistency::Inconsistency;
-use super::data::Role;
 use super::guards::beyond_formula;
 use super::problem::{Fit, Problem};
 use super::time_block::TimeBlock;
 use super::whitening::dot;
+use crate::fit::linalg::product;
 use crate::validity::tail::{chi2_tail, holm};
 
 /// Times for which it is taken to stay, s.
@@ -42,15 +42,8 @@ pub(super) fn comes_and_goes(problem: &Problem, fit: &Fit, gained: f64) -> Vec<I
 /// χ² and degrees of freedom of the score, for each of [`TAUS_S`]; 0 of 0 where no row tells.
 fn scores(problem: &Problem, fit: &Fit) -> [(f64, f64); TAUS_S.len()] {
     let mut sums = [[Terms::default(); 2]; TAUS_S.len()];
-    let mut first = 0;
-    for k in problem.of_role(Role::Train) {
-        let block = &problem.blocks[k];
-        let rows = first..first + block.rows();
-        first = rows.end;
-        if !block.at.is_cell {
-            continue;
-        }
-        let mut solved = fit.residuals[rows].to_vec();
+    for (k, block, left) in problem.left(fit).filter(|(_, block, _)| block.at.is_cell) {
+        let mut solved = left.to_vec();
         problem.whiteners[k].apply_transposed(&mut solved);
         let inverse = problem.whiteners[k].inverse();
         match &block.kind {
@@ -149,15 +142,4 @@ impl Kernel {
 /// Variance of the mean over a time of so many τ of what forgets itself within τ, as a part of its variance.
 fn of_mean(x: f64) -> f64 {
     if x < 1e-3 { 1.0 } else { 2.0 * (x - 1.0 + (-x).exp()) / (x * x) }
-}
-
-/// a·b of square matrices, row-major.
-fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
-    let mut product = vec![0.0; n * n];
-    for (row, out) in a.chunks_exact(n.max(1)).zip(product.chunks_exact_mut(n.max(1))) {
-        for (a, b) in row.iter().zip(b.chunks_exact(n.max(1))) {
-            out.iter_mut().zip(b).for_each(|(o, b)| *o += a * b);
-        }
-    }
-    product
 }

@@ -5,8 +5,7 @@
 //! (the periodogram of unevenly sampled data, Lomb 1976, Scargle 1982); the sum over all records is asked, at as many frequencies as the longest record can tell
 //! apart, and its probability multiplied by their number.
 
-use super::block::Kind;
-use super::data::Role;
+use super::block::{Block, Kind};
 use super::problem::{Fit, Problem};
 use super::time_block::TimeBlock;
 use super::whitening::dot;
@@ -35,16 +34,12 @@ pub(super) struct Wave {
 }
 
 /// The least probable wave in what a fit leaves of the training records; none without records that are long enough. `beyond` is what of a χ² is more than may be left.
-pub(super) fn wave(problem: &Problem, fit: &Fit, beyond: impl Fn(f64) -> f64) -> Option<Wave> {
-    let mut from = 0;
-    let mut records: Vec<(usize, &TimeBlock, &[f64])> = Vec::new();
-    for k in problem.of_role(Role::Train) {
-        let block = &problem.blocks[k];
-        if let Kind::Time(time) = &block.kind {
-            records.push((k, time, &fit.residuals[from..from + block.rows()]));
-        }
-        from += block.rows();
-    }
+pub(super) fn wave<'a>(problem: &'a Problem, fit: &'a Fit, beyond: impl Fn(f64) -> f64) -> Option<Wave> {
+    let of_record = |(k, block, left): (usize, &'a Block, &'a [f64])| match &block.kind {
+        Kind::Time(time) => Some((k, time.as_ref(), left)),
+        Kind::Eis { .. } => None,
+    };
+    let records: Vec<(usize, &TimeBlock, &[f64])> = problem.left(fit).filter_map(of_record).collect();
     let longest_s = records.iter().filter_map(|(_, time, _)| time.time_s.last().copied()).fold(0.0, f64::max);
     let (slowest_hz, fastest_hz) = (PERIODS_S.1.recip().max(2.0 / longest_s), PERIODS_S.0.recip());
     let count = (PER_PEAK * longest_s * (fastest_hz - slowest_hz)).floor().min(MOST);

@@ -101,6 +101,16 @@ impl Problem {
         self.blocks.iter().enumerate().filter(move |(_, b)| b.role == role).map(|(k, _)| k)
     }
 
+    /// What a fit leaves of each training run, whitened.
+    pub(super) fn left<'a>(&'a self, fit: &'a Fit) -> impl Iterator<Item = (usize, &'a Block, &'a [f64])> {
+        let mut rest = fit.residuals.as_slice();
+        self.of_role(Role::Train).map(move |k| {
+            let (own, others) = rest.split_at(self.blocks[k].rows());
+            rest = others;
+            (k, &self.blocks[k], own)
+        })
+    }
+
     /// The base with another ERM.
     pub(super) fn base_with(&self, erm: Erm) -> Base {
         Base { erm, ..self.base.clone() }

@@ -32,6 +32,17 @@ pub(crate) fn cholesky_substitute(l: &[f64], n: usize, b: &mut [f64]) {
     }
 }
 
+/// a·b of square matrices, row-major.
+pub(crate) fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
+    let mut product = vec![0.0; n * n];
+    for (row, out) in a.chunks_exact(n.max(1)).zip(product.chunks_exact_mut(n.max(1))) {
+        for (a, b) in row.iter().zip(b.chunks_exact(n.max(1))) {
+            out.iter_mut().zip(b).for_each(|(o, b)| *o += a * b);
+        }
+    }
+    product
+}
+
 /// Inverse of a symmetric positive definite matrix; none when it is not. Scaled by its diagonal first, so that units do not matter.
 pub(crate) fn invert(a: &[f64], n: usize) -> Option<Vec<f64>> {
     let scale: Vec<f64> = (0..n).map(|i| a[i * n + i].sqrt()).collect();

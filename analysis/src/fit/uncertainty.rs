@@ -3,7 +3,7 @@
 
 use super::clusters::Clusters;
 use super::evidence::{CELL_CORNER, Evidence, FrequencyShare, NORM_CORNER, Normal, PointShare};
-use super::linalg::invert;
+use super::linalg::{invert, product};
 use super::local::Smooth;
 use super::options::{FitOptions, Objective};
 use super::problem::{Group, Problem, impedance, quadratic};
@@ -103,7 +103,7 @@ fn covariance(problem: &Problem, x: &[f64], free: &[usize], (freedom, clusters):
     let Normal { bread, meat, factor } = evidence.normal(hessian);
     let (inverse, factor) = (invert(&bread, m)?, factor?);
     let covariance = match meat {
-        Some(meat) => multiply(&multiply(&inverse, &meat, m), &inverse, m),
+        Some(meat) => product(&product(&inverse, &meat, m), &inverse, m),
         None => inverse,
     };
     Some(covariance.iter().map(|v| v * factor).collect())
@@ -139,8 +139,4 @@ fn median_residual_ohm(problem: &Problem, x: &[f64]) -> f64 {
     let mut residuals: Vec<f64> = problem.groups.iter().flat_map(of).collect();
     residuals.sort_by(f64::total_cmp);
     residuals.get(residuals.len() / 2).copied().unwrap_or(0.0)
-}
-
-fn multiply(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
-    (0..n * n).map(|ij| (0..n).map(|k| a[ij / n * n + k] * b[k * n + ij % n]).sum()).collect()
 }
