@@ -1,0 +1,54 @@
+//! Coverage of stated uncertainties: plays a shipped experiment on the simulated bench over many seeds and counts how often the truth lies within
+//! the stated 68 % and 95 % intervals, per frequency and per parameter.
+//!
+//! `cargo bench --profile dev -p bench-daemon --bench coverage -- demo accurate multisine thesis campaign joint --seeds 100 --from 1`
+
+mod played;
+mod synthetic;
+mod tally;
+
+use std::path::PathBuf;
+
+use tally::Tally;
+
+/// The experiments that are played where none is named.
+const ALL: [&str; 6] = ["demo", "thesis", "accurate", "multisine", "campaign", "joint"];
+
+/// Arguments of the command line.
+struct Asked {
+    names: Vec<String>,
+    seeds: u64,
+    from: u64,
+}
+
+fn asked() -> Result<Asked, Box<dyn std::error::Error>> {
+    let mut asked = Asked { names: Vec::new(), seeds: 20, from: 1 };
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        match word.as_str() {
+            "--seeds" => asked.seeds = words.next().ok_or("--seeds: expected a number")?.parse()?,
+            "--from" => asked.from = words.next().ok_or("--from: expected a seed")?.parse()?,
+            "--bench" => {}
+            name if ALL.contains(&name) => asked.names.push(name.to_owned()),
+            other => return Err(format!("expected one of {ALL:?}, --seeds N or --from SEED, met {other:?}").into()),
+        }
+    }
+    if asked.names.is_empty() {
+        asked.names = ALL.map(str::to_owned).to_vec();
+    }
+    Ok(asked)
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let asked = asked()?;
+    let seeds: Vec<u64> = (asked.from..asked.from + asked.seeds).collect();
+    for name in &asked.names {
+        let tally: Tally = if name == "joint" { synthetic::play(&seeds) } else { played::play(&configs(), name, &seeds)? };
+        eprintln!("{}", tally.table(&format!("{name}, {} seeds from {}", asked.seeds, asked.from)));
+    }
+    Ok(())
+}
+
+fn configs() -> PathBuf {
+    PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs"))
+}

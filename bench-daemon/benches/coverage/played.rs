@@ -1,0 +1,109 @@
+//! Experiments that are played on the simulated bench.
+
+use std::error::Error;
+use std::path::Path;
+
+use analysis::{
+    fit::{ErmFit, ModelFile},
+    model::Erm,
+    spectrum::{ImpedancePoint, Spectrum},
+};
+use bench_daemon::{
+    command::run::{Finished, run_experiment},
+    config::{Experiment, load_experiment},
+};
+use fixtures::Scenario;
+use instruments::mock::plant::Fixture;
+use num_complex::Complex64;
+use rayon::prelude::*;
+
+use crate::tally::Tally;
+
+/// Number of branches of the simulated cell: other orders have no truth.
+const TRUE_RC: usize = 4;
+
+/// Plays an experiment with each of the seeds.
+pub(crate) fn play(configs: &Path, name: &str, seeds: &[u64]) -> Result<Tally, Box<dyn Error>> {
+    // The thesis' bench is made of real instruments: its experiment is played on the demo's, which is modelled on it.
+    let bench = (name == "thesis").then(|| configs.join("benches/demo.toml"));
+    let mut experiment = load_experiment(&configs.join(format!("experiments/{name}.toml")), bench.as_deref())?;
+    if !experiment.fit.rc.is_empty() {
+        experiment.fit.rc = vec![TRUE_RC];
+    }
+    let scratch = tempfile::tempdir()?;
+    let one = |seed: &u64| {
+        let mut tally = Tally::default();
+        let folder = scratch.path().join(seed.to_string());
+        let mut experiment = experiment.clone();
+        experiment.seed = *seed;
+        match run_experiment(&experiment, &folder) {
+            Ok(finished) => judge(&mut tally, &experiment, &finished, &folder),
+            Err(error) => tally.fail(format!("seed {seed}: {error}")),
+        }
+        // A scratch folder that stays does no harm.
+        let _ = std::fs::remove_dir_all(&folder);
+        tally
+    };
+    Ok(seeds.par_iter().map(one).reduce(Tally::default, Tally::join))
+}
+
+fn judge(tally: &mut Tally, _experiment: &Experiment, finished: &Finished, folder: &Path) {
+    let measured = &finished.measured;
+    let spectra: Vec<&Spectrum> = measured.spectra().chain(measured.multisines.iter().map(|run| &run.spectrum)).collect();
+    let Some(simulation) = &finished.simulation else { return tally.fail("no simulated world".to_owned()) };
+    let world = simulation.world();
+    let world = world.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    for (number, spectrum) in spectra.iter().enumerate() {
+        // Cells of a campaign are measured one after the other, each as often as the others.
+        let cells = world.truth_specimens();
+        let cell = if measured.campaign { number * cells / spectra.len() } else { 0 };
+        for (index, point) in spectrum.points.iter().enumerate() {
+            let truth =
+                if cells > 1 { world.truth_impedance_of(cell, point.freq_hz) } else { world.truth_impedance(Fixture::Cell, point.freq_hz) };
+            add_point(tally, index, point, truth);
+        }
+    }
+    let Ok(text) = std::fs::read_to_string(folder.join(format!("model_{TRUE_RC}rc.json"))) else { return };
+    match ModelFile::from_json(&text) {
+        Ok(model) => add_fit(tally, &model.fit, &truth()),
+        Err(error) => tally.fail(error.to_string()),
+    }
+}
+
+fn add_point(tally: &mut Tally, index: usize, point: &ImpedancePoint, truth: Complex64) {
+    let error = point.z_ohm - truth;
+    let name = |part: &str| format!("{:.4} Hz, {part}", point.freq_hz);
+    tally.add(2 * index, &name("Re"), error.re, Some(point.covariance.re_re.sqrt()));
+    tally.add(2 * index + 1, &name("Im"), error.im, Some(point.covariance.im_im.sqrt()));
+}
+
+/// The cell that the scenarios do not change: the mean of the cells where there are several.
+fn truth() -> Erm {
+    let cell = Scenario::default().cell;
+    let branches = cell.branches.iter().map(|b| analysis::model::RcBranch { r_ohm: b.r_ohm, c_f: b.c_f }).collect();
+    Erm { r_ohm: cell.r_ohm, branches }.ordered()
+}
+
+/// Rows of the parameters come after those of the frequencies.
+const PARAMETERS: usize = 10_000;
+
+/// Adds the parameters of a fit.
+pub(crate) fn add_fit(tally: &mut Tally, fit: &ErmFit, truth: &Erm) {
+    let mut order = PARAMETERS;
+    let mut add = |name: &str, error: f64, sigma: Option<f64>| {
+        tally.add(order, name, error, sigma);
+        order += 1;
+    };
+    add("R", fit.erm.r_ohm - truth.r_ohm, fit.sigma.r_ohm);
+    for (k, ((found, sigma), truth)) in fit.erm.branches.iter().zip(&fit.sigma.branches).zip(&truth.branches).enumerate() {
+        add(&format!("R{}", k + 1), found.r_ohm - truth.r_ohm, sigma.r_ohm);
+        add(&format!("C{}", k + 1), found.c_f - truth.c_f, sigma.c_f);
+        add(&format!("τ{}", k + 1), found.time_constant_s() - truth.time_constant_s(), sigma.time_constant_s);
+    }
+    add("DC resistance", fit.erm.dc_resistance_ohm() - truth.dc_resistance_ohm(), fit.sigma.dc_resistance_ohm);
+    if let Some(chi2) = fit.reduced_chi2 {
+        // Not a deviation from a truth: shown as its distance from one in units of √(2/ν).
+        let freedom = (2 * fit.points - fit.erm.parameter_count()) as f64;
+        add("reduced χ² less 1, over √(2/ν)", chi2 - 1.0, Some((2.0 / freedom).sqrt()));
+    }
+}
