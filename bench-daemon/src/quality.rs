@@ -160,7 +160,7 @@ pub fn measure(record: &Record<'_>, (phasors, beside): (&ChannelPhasors, &Beside
         point.magnitude_sigma_ohm().max(across(&point)) / point.magnitude_ohm()
     };
     let amplitude_v = (phasors.volts[3] - phasors.volts[2]).norm();
-    let bend = beside.bend.filter(|bend| bend.volts.abs() > CERTAIN * bend.sigma_v).map_or(0.0, |bend| {
+    let bend = beside.bend.filter(|bend| bend.is_certain() && !beside.relaxed).map_or(0.0, |bend| {
         let drift = Drift { over_amplitude: bend.volts / amplitude_v, periods: bend.periods, shape: DriftShape::Bend };
         0.01 * drift.error_percent()
     });

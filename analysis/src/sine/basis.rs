@@ -1,7 +1,7 @@
 //! The columns of the model, and how their sums move along the record.
 //!
-//! Columns in order: cos θ and −sin θ of each tone, the fundamental first; 1, t, t² as far as drift is fitted; and, for a free frequency, t·cos θ
-//! and −t·sin θ of the tones that move with it. t runs from −1 to 1 over the record.
+//! Columns in order: cos θ and −sin θ of each tone, the fundamental first; 1, t, t² as far as drift is fitted; exp(−t/τ) of each relaxation; and, for
+//! a free frequency, t·cos θ and −t·sin θ of the tones that move with it. t runs from −1 to 1 over the record.
 //!
 //! Seen from another sample, all columns are a small linear map of themselves ([`Shift`]). Sums over a block relative to its first sample are
 //! therefore worth as much as sums relative to the middle of the record, phases never build up errors, and the normal matrix of a long run comes
@@ -36,6 +36,8 @@ impl Tone {
 pub(super) struct Basis {
     tones: Vec<Tone>,
     powers: usize,
+    /// Relaxation rates, 1 per sample.
+    rates: Vec<f64>,
     timed: usize,
     samples: usize,
     centre: f64,
@@ -50,6 +52,8 @@ pub(super) struct Make<'a> {
     pub(super) freqs_hz: &'a [f64],
     /// Degree of the drift, 0…2.
     pub(super) degree: usize,
+    /// Time constants of relaxations, s.
+    pub(super) decays_s: &'a [f64],
     /// How many of the first tones also get columns multiplied by time.
     pub(super) timed: usize,
 }
@@ -59,6 +63,7 @@ impl Basis {
         Self {
             tones: make.freqs_hz.iter().map(|freq_hz| Tone::new(*freq_hz, interval_s)).collect(),
             powers: make.degree + 1,
+            rates: make.decays_s.iter().map(|tau_s| interval_s / tau_s).collect(),
             timed: make.timed,
             samples,
             centre: 0.5 * (samples as f64 - 1.0),
@@ -71,9 +76,19 @@ impl Basis {
         self.tones.len()
     }
 
+    /// Number of columns of the drift: its degree and one.
+    pub(super) fn powers(&self) -> usize {
+        self.powers
+    }
+
+    /// Column of the first relaxation.
+    pub(super) fn first_decay(&self) -> usize {
+        2 * self.tones.len() + self.powers
+    }
+
     /// Number of columns that are fitted: the first ones.
     pub(super) fn fitted(&self) -> usize {
-        2 * self.tones.len() + self.powers
+        self.first_decay() + self.rates.len()
     }
 
     /// Number of columns.
@@ -89,7 +104,8 @@ impl Basis {
     /// The map of the columns by a number of samples.
     pub(super) fn shift(&self, offset: f64) -> Shift {
         let turns = self.tones.iter().map(|tone| tone.turn(offset)).collect();
-        Shift { turns, time: offset * self.time_step, powers: self.powers, timed: self.timed }
+        let fades = self.rates.iter().map(|rate| (-rate * offset).exp()).collect();
+        Shift { turns, time: offset * self.time_step, powers: self.powers, fades, timed: self.timed }
     }
 
     /// The map from columns relative to a sample to those of the record.
@@ -111,6 +127,10 @@ impl Basis {
         for power in 0..self.powers {
             row[first_power + power] = time.powi(power as i32);
         }
+        let first_decay = self.first_decay();
+        for (cell, rate) in row[first_decay..].iter_mut().zip(&self.rates) {
+            *cell = (-rate * offset).exp();
+        }
     }
 
     /// The columns at a sample of the record; the index may lie outside.
@@ -127,6 +147,8 @@ pub(super) struct Shift {
     turns: Vec<Complex64>,
     time: f64,
     powers: usize,
+    /// What is left of each relaxation.
+    fades: Vec<f64>,
     timed: usize,
 }
 
@@ -138,7 +160,9 @@ impl Shift {
 
     /// Maps the columns, or sums of samples over them.
     pub(super) fn apply(&self, v: &mut [f64]) {
-        let (first_power, first_timed) = (2 * self.turns.len(), 2 * self.turns.len() + self.powers);
+        let first_power = 2 * self.turns.len();
+        let first_decay = first_power + self.powers;
+        let first_timed = first_decay + self.fades.len();
         for (j, turn) in self.turns.iter().enumerate() {
             rotate(v, 2 * j, *turn);
         }
@@ -148,6 +172,7 @@ impl Shift {
         if self.powers > 1 {
             v[first_power + 1] += self.time * v[first_power];
         }
+        v[first_decay..].iter_mut().zip(&self.fades).for_each(|(cell, fade)| *cell *= fade);
         for (j, turn) in self.turns.iter().enumerate().take(self.timed) {
             let at = first_timed + 2 * j;
             rotate(v, at, *turn);
@@ -167,6 +192,7 @@ impl Shift {
             beta[at] += self.time * (beta[at + 1] + self.time * quadratic);
             beta[at + 1] += 2.0 * self.time * quadratic;
         }
+        beta[at + self.powers..].iter_mut().zip(&self.fades).for_each(|(cell, fade)| *cell *= fade);
     }
 
     /// Maps a matrix of sums of products of columns.

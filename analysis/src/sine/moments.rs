@@ -60,7 +60,7 @@ impl Stage {
 
     fn frame(&self) -> Frame<'_> {
         let constant = 2 * self.basis.tones();
-        Frame { table: &self.table, time_step: self.basis.time_step, constant, drift: self.basis.fitted() > constant + 1 }
+        Frame { table: &self.table, time_step: self.basis.time_step, constant, drift: self.basis.powers() > 1 }
     }
 }
 

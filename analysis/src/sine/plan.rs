@@ -4,12 +4,17 @@ use super::{Drift, FitOptions, LeftOut, Note, ToneKind};
 
 /// Periods that a record must have for a parabola to be told from a slow sinusoid.
 const MIN_PERIODS_QUADRATIC: f64 = 2.0;
+/// Periods that a record must have for relaxations: from here on they raise the standard deviation of a phasor by less than 8 % (computed from the normal
+/// matrix for [`super::relaxations`]); with 2 periods it would be 24 %.
+const MIN_PERIODS_RELAXATION: f64 = 4.0;
 
 /// What is fitted besides the fundamental.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Plan {
     /// Degree of the drift.
     pub(super) degree: usize,
+    /// Time constants of relaxations, s.
+    pub(super) decays_s: Vec<f64>,
     /// Orders of the harmonics.
     pub(super) harmonics: Vec<u32>,
     /// Frequencies of the others, Hz.
@@ -22,7 +27,17 @@ impl Plan {
     /// What `options` ask for as far as a record of `samples` can carry it besides a sinusoid of `freq_hz`.
     pub(super) fn new(options: &FitOptions, freq_hz: f64, (samples, interval_s): (usize, f64)) -> Self {
         let duration_s = samples as f64 * interval_s;
-        let mut plan = Self { degree: options.drift.degree(), harmonics: Vec::new(), others_hz: Vec::new(), notes: Vec::new() };
+        let mut plan = Self {
+            degree: options.drift.degree(),
+            decays_s: options.decays_s.clone(),
+            harmonics: Vec::new(),
+            others_hz: Vec::new(),
+            notes: Vec::new(),
+        };
+        if !plan.decays_s.is_empty() && freq_hz * duration_s < MIN_PERIODS_RELAXATION {
+            plan.decays_s.clear();
+            plan.notes.push(Note::RelaxationLeftOut { periods: freq_hz * duration_s, needed: MIN_PERIODS_RELAXATION });
+        }
         if options.drift == Drift::Quadratic && freq_hz * duration_s < MIN_PERIODS_QUADRATIC {
             plan.degree = 1;
             plan.notes.push(Note::DriftLeftOut { periods: freq_hz * duration_s, needed: MIN_PERIODS_QUADRATIC });
@@ -53,9 +68,18 @@ impl Plan {
         if degree < self.degree {
             notes.push(Note::DriftUndetermined { channel });
         }
+        if !self.decays_s.is_empty() {
+            notes.push(Note::RelaxationUndetermined { channel });
+        }
         let why = LeftOut::Undetermined { channel };
         notes.extend(self.tones(freq_hz).into_iter().map(|(kind, freq_hz)| Note::LeftOut { kind, freq_hz, why }));
-        (notes.len() > self.notes.len()).then_some(Self { degree, harmonics: Vec::new(), others_hz: Vec::new(), notes })
+        (notes.len() > self.notes.len()).then_some(Self {
+            degree,
+            decays_s: Vec::new(),
+            harmonics: Vec::new(),
+            others_hz: Vec::new(),
+            notes,
+        })
     }
 
     /// The tones besides the fundamental, for a frequency of it.

@@ -19,6 +19,9 @@ pub struct SineFit {
     pub interval_s: f64,
     /// Number of passes over the samples that found the frequency; 1 if it was given.
     pub iterations: usize,
+    /// True if relaxations were fitted.
+    #[serde(default)]
+    pub relaxed: bool,
     /// What was fitted at other frequencies: first the harmonics, then the rest.
     pub tones: Vec<Tone>,
     /// What was left out, and what the numbers do not show.
@@ -84,6 +87,18 @@ pub enum Note {
         /// Periods needed.
         needed: f64,
     },
+    /// Relaxations were not fitted, for the record is too short to tell them from the sinusoid.
+    RelaxationLeftOut {
+        /// Periods in the record.
+        periods: f64,
+        /// Periods needed.
+        needed: f64,
+    },
+    /// Relaxations were not fitted, for the usable samples of a channel do not determine them.
+    RelaxationUndetermined {
+        /// Channel, counted from 1.
+        channel: usize,
+    },
     /// The drift was fitted as a straight line, for the usable samples of a channel do not determine a parabola.
     DriftUndetermined {
         /// Channel, counted from 1.
@@ -143,6 +158,12 @@ impl std::fmt::Display for Note {
             Self::LeftOut { kind: ToneKind::Other, freq_hz, why } => write!(f, "{freq_hz:.6} Hz is not fitted: {why}"),
             Self::DriftLeftOut { periods, needed } => {
                 write!(f, "the drift is fitted as a straight line: a parabola needs {needed} periods, the record has {periods:.2}")
+            }
+            Self::RelaxationLeftOut { periods, needed } => {
+                write!(f, "no relaxation is fitted: it needs {needed} periods, the record has {periods:.2}")
+            }
+            Self::RelaxationUndetermined { channel } => {
+                write!(f, "no relaxation is fitted: the usable samples of channel {channel} do not determine one")
             }
             Self::DriftUndetermined { channel } => {
                 write!(f, "the drift is fitted as a straight line: the usable samples of channel {channel} do not determine a parabola")
@@ -211,6 +232,9 @@ pub struct ChannelFit {
     pub offset_v: f64,
     /// Drift in the middle of the record, V/s; zero unless fitted.
     pub drift_v_per_s: f64,
+    /// Greatest distance of the sum of the relaxations from the line through its ends, V; zero unless they were fitted.
+    #[serde(default)]
+    pub relaxation_v: f64,
     /// Curvature c of the drift's c·(t − tₘ)², V/s²; zero unless fitted.
     pub curvature_v_per_s2: f64,
     /// Root mean square of what the fit leaves, V.

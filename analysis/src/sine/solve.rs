@@ -78,6 +78,20 @@ struct Task<'a> {
     free: bool,
 }
 
+/// Where the sum of the relaxations is looked at over a record.
+const LOOKS: u32 = 64;
+
+/// The sum of the relaxations of a channel, in the unit of its samples.
+#[derive(Debug, Clone, Copy, Default)]
+struct Relaxed {
+    /// Mean slope, per unit of normalised time.
+    slope: f64,
+    /// Value in the middle of the record.
+    middle: f64,
+    /// Greatest distance from the line through its ends.
+    excursion: f64,
+}
+
 /// The solution at one frequency.
 #[derive(Debug)]
 struct State {
@@ -152,7 +166,7 @@ impl Task<'_> {
         let extras = self.plan.tones(freq_hz);
         let freqs_hz: Vec<f64> = std::iter::once(freq_hz).chain(extras.iter().map(|(_, freq_hz)| *freq_hz)).collect();
         let timed = if self.free { 1 + self.plan.harmonics.len() } else { 0 };
-        let make = Make { freqs_hz: &freqs_hz, degree: self.plan.degree, timed };
+        let make = Make { freqs_hz: &freqs_hz, degree: self.plan.degree, decays_s: &self.plan.decays_s, timed };
         let basis = Basis::new(&make, self.record.interval_s, samples(self.record));
         let stage = Stage::new(basis, self.record, self.exclude_clipped);
         let all = accumulate(self.record, &stage, self.exclude_clipped)?;
@@ -274,7 +288,8 @@ impl State {
             }
         }
         let (samples, interval_s) = (samples(record), record.interval_s);
-        SineFit { freq_hz: self.freq_hz, freq_sigma_hz, channels, samples, interval_s, iterations, tones, notes }
+        let relaxed = !task.plan.decays_s.is_empty();
+        SineFit { freq_hz: self.freq_hz, freq_sigma_hz, channels, samples, interval_s, iterations, relaxed, tones, notes }
     }
 
     /// Phasor of a tone against time zero at sample 0, V.
@@ -286,6 +301,24 @@ impl State {
         Phasor { phasor: Complex64::new(solved.beta[2 * tone], solved.beta[2 * tone + 1]) * to_volts, variance: in_middle.scaled(to_volts) }
     }
 
+    /// The sum of the relaxations, taken apart into the straight line through its ends and the rest.
+    fn relaxed(&self, beta: &[f64]) -> Relaxed {
+        let (first, last) = (self.basis.first_decay(), self.basis.fitted());
+        if first == last {
+            return Relaxed::default();
+        }
+        let count = self.basis.samples() as f64;
+        let at = |share: f64| dot(&self.basis.row_at(share * count)[first..last], &beta[first..last]);
+        let (start, end) = (at(0.0), at(1.0));
+        let off = |k: u32| {
+            let share = f64::from(k) / f64::from(LOOKS);
+            at(share) - start - share * (end - start)
+        };
+        // Time runs over two units.
+        let farther = |most: f64, off: f64| if off.abs() > most.abs() { off } else { most };
+        Relaxed { slope: 0.5 * (end - start), middle: at(0.5), excursion: (1..LOOKS).map(off).fold(0.0, farther) }
+    }
+
     fn channel_fit(&self, record: &Record<'_>, channel: &Channel<'_>, solved: &Solved) -> ChannelFit {
         let scale = volts_per_unit(channel);
         let zero_v = match channel {
@@ -295,15 +328,17 @@ impl State {
         };
         let Phasor { phasor, variance } = self.phasor(record, (channel, solved), (0, self.freq_hz));
         let power = |power: usize| {
-            if 2 * self.basis.tones() + power < solved.beta.len() { solved.beta[2 * self.basis.tones() + power] } else { 0.0 }
+            if power < self.basis.powers() { solved.beta[2 * self.basis.tones() + power] } else { 0.0 }
         };
+        let relaxed = self.relaxed(&solved.beta);
         let seconds_per_unit = record.interval_s / self.basis.time_step;
         ChannelFit {
             phasor,
             variance,
-            offset_v: (power(0) + pivot(channel)) * scale + zero_v,
-            drift_v_per_s: power(1) * scale / seconds_per_unit,
+            offset_v: (power(0) + relaxed.middle + pivot(channel)) * scale + zero_v,
+            drift_v_per_s: (power(1) + relaxed.slope) * scale / seconds_per_unit,
             curvature_v_per_s2: power(2) * scale / (seconds_per_unit * seconds_per_unit),
+            relaxation_v: relaxed.excursion * scale,
             residual_rms_v: (solved.left.sum_squares / solved.moments.used as f64).sqrt() * scale,
             residual_lag1: solved.left.lag1(),
             colour_factor: solved.left.colour_factor(rad_per_sample(self.freq_hz, record)),

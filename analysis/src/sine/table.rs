@@ -101,7 +101,7 @@ fn products(size: usize, cell: impl Fn(usize, usize) -> f64) -> Square {
 }
 
 fn fixed(basis: &Basis, column: usize, exact: &[f64; BLOCK]) -> Option<Box<Fixed>> {
-    let power = column.checked_sub(2 * basis.tones()).filter(|_| column < basis.fitted());
+    let power = column.checked_sub(2 * basis.tones()).filter(|power| *power < basis.powers());
     let scaled = |unit: f64| Fixed::new(|k| (exact[k] / unit * ONE).round() as i32, 15, unit / ONE);
     match power {
         Some(0 | 1) => None,

@@ -3,7 +3,7 @@
 use num_complex::Complex64;
 
 use super::{Covariance2, SpectrumError};
-use crate::sine::{ChannelFit, SineFit};
+use crate::sine::{ChannelFit, RELAXATION_LEFT, SineFit};
 
 /// Phasors of the four single-ended probe channels at one frequency, before any correction.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -53,7 +53,8 @@ impl ChannelPhasors {
     /// The fit's own covariance is that of what it leaves, rounding included; the share of rounding is LSB²/12 over the variance of a sample. Model of
     /// the drift: the fit takes a straight one out. That it stays as straight as it is measured is not known; its slope may change by as much as
     /// itself over the record (one standard deviation), as that of a relaxation with a time constant of one record does. The curvature d/T then
-    /// puts (−1)ⁿ·d·T/(2π²n²) into the phasor of a record of n whole periods, in phase with a cosine about its middle.
+    /// puts (−1)ⁿ·d·T/(2π²n²) into the phasor of a record of n whole periods, in phase with a cosine about its middle. Where relaxations were fitted, they
+    /// take the curvature out but for [`RELAXATION_LEFT`] of them.
     ///
     /// # Errors
     /// [`SpectrumError::Channels`] unless the fit has four channels.
@@ -70,7 +71,11 @@ impl ChannelPhasors {
             PhasorVariance {
                 noise: fitted.times(1.0 - share),
                 quantisation: fitted.times(share),
-                drift: Covariance2::along(curve * channel.drift_v_per_s),
+                drift: if fit.relaxed {
+                    Covariance2::circular(0.5 * (RELAXATION_LEFT * channel.relaxation_v).powi(2))
+                } else {
+                    Covariance2::along(curve * channel.drift_v_per_s)
+                },
             }
         };
         Ok(Self { freq_hz: fit.freq_hz, volts: channels.map(|channel| channel.phasor), variance: [0, 1, 2, 3].map(variance) })

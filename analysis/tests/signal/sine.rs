@@ -12,7 +12,7 @@ const PLAIN: FitOptions = with_drift(Drift::None);
 const DRIFT: FitOptions = with_drift(Drift::Linear);
 
 const fn with_drift(drift: Drift) -> FitOptions {
-    FitOptions { drift, harmonics: Vec::new(), also_hz: Vec::new(), exclude_clipped: true }
+    FitOptions { drift, harmonics: Vec::new(), also_hz: Vec::new(), decays_s: Vec::new(), exclude_clipped: true }
 }
 
 /// A sinusoid as a bench sees it: phase in turns, so that long records lose no digits in the signal itself.

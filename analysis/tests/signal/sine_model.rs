@@ -47,7 +47,7 @@ fn fit(codes: &[i16], scale: CodeScale, freq_hz: f64, options: &FitOptions) -> S
 }
 
 fn with(drift: Drift, harmonics: &[u32], also_hz: &[f64]) -> FitOptions {
-    FitOptions { drift, harmonics: harmonics.to_vec(), also_hz: also_hz.to_vec(), exclude_clipped: true }
+    FitOptions { drift, harmonics: harmonics.to_vec(), also_hz: also_hz.to_vec(), decays_s: Vec::new(), exclude_clipped: true }
 }
 
 /// A strong sinusoid with everything that may come with it.

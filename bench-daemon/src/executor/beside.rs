@@ -16,6 +16,9 @@ pub struct Beside {
     pub harmonics: Vec<(u32, ChannelPhasors)>,
     /// The drift that no straight line takes out; none where the record is too short for it.
     pub bend: Option<Bend>,
+    /// True if the fit of the sinusoid had relaxations beside it, which take such a drift out.
+    #[serde(default)]
+    pub relaxed: bool,
 }
 
 /// How the offset of the voltage across the jig bends.
@@ -29,12 +32,22 @@ pub struct Bend {
     pub periods: f64,
 }
 
+/// Standard deviations from which on a bend is no noise.
+const CERTAIN: f64 = 5.0;
+
+impl Bend {
+    /// True if it is no noise.
+    pub fn is_certain(&self) -> bool {
+        self.volts.abs() > CERTAIN * self.sigma_v
+    }
+}
+
 /// Fits harmonics and a parabola besides the sinusoid; nothing where the record does not carry them.
 pub(super) fn beside(record: &Record<'_>, freq_hz: f64) -> Beside {
     let options = FitOptions { drift: Drift::Quadratic, harmonics: ORDERS.to_vec(), ..FitOptions::default() };
     // That the sinusoid itself can be fitted is another fit's to say.
     sine::fit_known_frequency(record, freq_hz, &options)
-        .map_or_else(|_| Beside::default(), |fit| Beside { harmonics: harmonics(&fit), bend: bend(&fit) })
+        .map_or_else(|_| Beside::default(), |fit| Beside { harmonics: harmonics(&fit), bend: bend(&fit), relaxed: false })
 }
 
 fn harmonics(fit: &SineFit) -> Vec<(u32, ChannelPhasors)> {

@@ -7,7 +7,7 @@ use analysis::{
 };
 use instruments::{mock::plant::Fixture, scope::Waveform};
 
-use super::{ExecuteError, SweepPoint, beside::beside};
+use super::{Beside, ExecuteError, SweepPoint, beside::beside};
 use crate::{
     quality::{Failing, measure},
     record::code_scale,
@@ -70,6 +70,10 @@ pub(crate) fn analyse(asked: &Asked, taken: &Taken<'_>, mut warnings: Vec<String
         return Err(fail(reason));
     }
     let mut options = FitOptions { harmonics: HARMONICS.to_vec(), ..FitOptions::default() };
+    if fixture == Fixture::Cell {
+        // What a change of the frequency has left in it; a control has no memory.
+        options.decays_s = sine::relaxations(interval_s * taken.channels[0].len() as f64);
+    }
     if let Some(mains_hz) = mains_hz {
         options = options.with_mains(mains_hz, MAINS_ORDERS);
     }
@@ -83,7 +87,8 @@ pub(crate) fn analyse(asked: &Asked, taken: &Taken<'_>, mut warnings: Vec<String
     warnings.extend(remarks(&fit));
     let residual_lag1 = fit.channels.iter().map(|channel| channel.residual_lag1).fold(0.0, f64::max);
     let phasors = ChannelPhasors::from_codes(&fit, taken.lsb_v).map_err(|error| fail(error.to_string()))?;
-    let beside = beside(&record, freq_hz);
+    let beside = Beside { relaxed: fit.relaxed, ..beside(&record, freq_hz) };
+    warnings.extend(unsteady(&fit, &beside));
     let clipped = fit.channels.iter().map(|channel| channel.clipped_samples as f64 / fit.samples as f64).fold(0.0, f64::max);
     let measures = measure(&record, (&phasors, &beside), clipped);
     Ok(SweepPoint {
@@ -102,6 +107,19 @@ pub(crate) fn analyse(asked: &Asked, taken: &Taken<'_>, mut warnings: Vec<String
         measures,
         failing: Vec::<Failing>::new(),
     })
+}
+
+/// A relaxation that the record shows, in words.
+fn unsteady(fit: &SineFit, beside: &Beside) -> Option<String> {
+    let [_, _, low, high] = fit.channels.as_slice() else { return None };
+    let bend = beside.bend.filter(|bend| bend.is_certain())?;
+    let microvolts = 1.0e6 * if fit.relaxed { high.relaxation_v - low.relaxation_v } else { bend.volts };
+    let fitted = if fit.relaxed {
+        "fitted beside the sinusoid"
+    } else {
+        "not fitted, for the record is too short: see the drift in its uncertainty"
+    };
+    Some(format!("the record is not stationary: the cell's voltage bends by {microvolts:.0} µV, {fitted}"))
 }
 
 /// What is odd about a fit, in words. Harmonics and mains beyond half the sampling rate are no news, nor is a mains of less than a period in the

@@ -36,7 +36,9 @@ fn record(point: &SweepPoint, sweep: &[ImpedancePoint], shunt_ohm: f64) -> Recor
             sigma: (0.5 * (noise.re_re + noise.im_im)).sqrt() / amplitude_v,
         }
     });
-    let bend = point.beside.bend.filter(|bend| bend.volts.abs() > SIGNIFICANT * bend.sigma_v);
+    // What relaxations have taken out is in Z no more.
+    let left = point.beside.bend.filter(|_| !point.beside.relaxed);
+    let bend = left.filter(|bend| bend.volts.abs() > SIGNIFICANT * bend.sigma_v);
     Record {
         freq_hz: point.phasors.freq_hz,
         harmonics: harmonics.collect(),
