@@ -27,6 +27,7 @@
 //! Knows no file and no fit of sinusoids: phasors with their noise come in.
 
 mod model;
+mod modes;
 mod solve;
 mod verdict;
 
@@ -35,6 +36,7 @@ use num_complex::Complex64;
 use crate::fit::linalg::{cholesky, cholesky_substitute};
 use crate::spectrum::{ChannelPhasors, Covariance2, ImpedancePoint};
 use model::{COUNT, Harness, Slope};
+pub use modes::CorrectionModes;
 pub use verdict::{ControlTolerance, ControlVerdict, check_control, check_short};
 
 /// An impedance R + jωL known from elsewhere, with standard deviations.

@@ -20,7 +20,7 @@ pub use disk::write_atomically;
 pub use index::{Commanded, CurrentBetween, CurrentPositive, FlaggedPoint, Role, RunIndex, SweepEntry, TraceEntry};
 pub use stored::{CaptureFile, open_capture};
 
-use crate::spectrum::{Covariance2, ImpedancePoint};
+use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
 use num_complex::Complex64;
 
 /// One column of a file.
@@ -300,6 +300,16 @@ pub fn read_trace_csv(path: &Path) -> Result<Vec<TraceRow>, DatasetError> {
 /// [`DatasetError::Io`].
 pub fn write_spectrum_csv(path: &Path, points: &[ImpedancePoint]) -> Result<(), DatasetError> {
     rows::write_csv(path, points)
+}
+
+/// Writes a spectrum as CSV with the errors that its points share: behind [`SPECTRUM_COLUMNS`] two columns per error, `shared_re_ohm[NAME]` and
+/// `shared_im_ohm[NAME]`, the deviation of the point by one standard deviation of the error, Ω. The standard deviations of the points hold them.
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_whole_spectrum_csv(path: &Path, spectrum: &Spectrum) -> Result<(), DatasetError> {
+    let (header, rows) = crate::formats::shared::columns(spectrum);
+    rows::write_csv_with(path, &spectrum.points, (&header, &rows))
 }
 
 /// Appends one point to a spectrum in CSV, or starts the file; it is on disk when this returns. A torn last line is removed first.

@@ -15,6 +15,7 @@ pub use interrupted::{Interrupted, Interruption, interrupted};
 pub use polynomial::{MAX_ORDER, OcvPolynomial};
 pub use reach::Reach;
 
+use crate::spectrum::OcvSlope;
 use serde::{Deserialize, Serialize};
 
 /// Open-circuit voltage over state of charge.
@@ -99,6 +100,17 @@ impl OcvCurve {
             return fail(k, "a slope of 0 V or more", self.slope_v[k]);
         }
         Ok(())
+    }
+
+    /// Slope over charge at a voltage at rest, with its standard deviation: the curve is good to `share` of its slope (it is often another cell's), and the
+    /// voltage to `sigma_v`. None outside the curve.
+    pub fn charge_slope(&self, rest_v: f64, sigma_v: f64, share: f64) -> Option<OcvSlope> {
+        let soc = self.soc_at(rest_v)?;
+        let capacity_c = 3600.0 * self.capacity_ah;
+        let slope_v = self.slope_v(soc);
+        let beside = |v: f64| self.soc_at(v).map_or(0.0, |soc| (self.slope_v(soc) - slope_v).abs());
+        let by_place = 0.5 * (beside(rest_v - sigma_v) + beside(rest_v + sigma_v));
+        Some(OcvSlope { v_per_c: slope_v / capacity_c, sigma_v_per_c: by_place.hypot(share * slope_v) / capacity_c })
     }
 
     /// OCV at a state of charge, V.

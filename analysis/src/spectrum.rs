@@ -5,11 +5,13 @@
 
 mod frozen;
 mod phasors;
+mod shared;
 
 use num_complex::Complex64;
 
 pub use frozen::at_one_time;
 pub use phasors::{ChannelPhasors, PhasorVariance};
+pub use shared::{OCV_SLOPE, OcvSlope, SharedError};
 
 /// A complex impedance at one frequency with the covariance of its parts.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -41,12 +43,18 @@ impl Covariance2 {
 }
 
 /// Impedance over frequency of one fixture in one run.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Spectrum {
     /// Where it comes from: a file name, a run.
     pub name: String,
     /// The points, by rising frequency.
     pub points: Vec<ImpedancePoint>,
+    /// Errors that the points have in common. The covariance of a point holds its share of each.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub shared: Vec<SharedError>,
+    /// Slope of the open-circuit voltage whose share was taken out of the points; none where they are as measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub less: Option<OcvSlope>,
 }
 
 impl Covariance2 {
@@ -124,6 +132,18 @@ pub enum SpectrumError {
     Empty {
         /// Name of the spectrum.
         name: String,
+    },
+    /// A shared error does not have one value per point.
+    #[error("spectrum {name:?}: expected one value of the shared error {error:?} per point, {points} in all, met {found}")]
+    Shared {
+        /// Name of the spectrum.
+        name: String,
+        /// Name of the error.
+        error: String,
+        /// Points of the spectrum.
+        points: usize,
+        /// Values met.
+        found: usize,
     },
     /// A number of a point is unusable.
     #[error("spectrum {name:?}, point {number} ({freq_hz} Hz): expected {expected}, met {found}")]
@@ -220,11 +240,24 @@ impl Spectrum {
             }
             last_hz = point.freq_hz;
         }
+        if let Some(error) = self.shared.iter().find(|error| error.at_ohm.len() != self.points.len()) {
+            return Err(SpectrumError::Shared {
+                name: self.name.clone(),
+                error: error.name.clone(),
+                points: self.points.len(),
+                found: error.at_ohm.len(),
+            });
+        }
         Ok(())
     }
 
     /// Sorts the points by rising frequency.
     pub fn sort(&mut self) {
-        self.points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
+        let mut order: Vec<usize> = (0..self.points.len()).collect();
+        order.sort_by(|a, b| self.points[*a].freq_hz.total_cmp(&self.points[*b].freq_hz));
+        self.points = order.iter().map(|k| self.points[*k]).collect();
+        for error in &mut self.shared {
+            error.at_ohm = order.iter().filter_map(|k| error.at_ohm.get(*k).copied()).collect();
+        }
     }
 }

@@ -83,5 +83,5 @@ fn simulated(circuit: &Circuit, truth: &[f64], seed: u64) -> Spectrum {
         let z_ohm = z + sigma * Complex64::new(normal(), normal());
         ImpedancePoint { freq_hz, z_ohm, covariance: Covariance2::circular(sigma * sigma), amplitude_a: 1.0 }
     };
-    Spectrum { name: "simulated".to_owned(), points: (0..POINTS).map(&mut point).collect() }
+    Spectrum { name: "simulated".to_owned(), points: (0..POINTS).map(&mut point).collect(), ..Spectrum::default() }
 }

@@ -78,5 +78,5 @@ fn noisy(seed: u64) -> Spectrum {
         let z_ohm = z + sigma * Complex64::new(normal(), normal());
         ImpedancePoint { freq_hz, z_ohm, covariance: Covariance2::UNKNOWN, amplitude_a: 1.0 }
     };
-    Spectrum { name: "simulated".into(), points: (0..20).map(point).collect() }
+    Spectrum { name: "simulated".into(), points: (0..20).map(point).collect(), ..Spectrum::default() }
 }

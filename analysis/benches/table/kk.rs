@@ -25,7 +25,7 @@ fn spectrum(points: u32, (low, high): (f64, f64), stated: bool, seed: u64) -> Sp
         let covariance = if stated { Covariance2::circular(sigma * sigma) } else { Covariance2::UNKNOWN };
         ImpedancePoint { freq_hz, z_ohm: z + Complex64::new(sigma * normal(), sigma * normal()), covariance, amplitude_a: 1.0 }
     };
-    Spectrum { name: format!("seed {seed}"), points: (0..points).map(point).collect() }
+    Spectrum { name: format!("seed {seed}"), points: (0..points).map(point).collect(), ..Spectrum::default() }
 }
 
 /// Seconds per spectrum, the least of several batches over the same twenty spectra.

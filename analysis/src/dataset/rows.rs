@@ -44,11 +44,15 @@ pub(super) fn read_csv<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
     let text = String::from_utf8_lossy(&bytes[..whole]);
     let mut lines = text.split('\n').map(|line| line.trim_end_matches('\r'));
     let (expected, found) = (header::<R>(), lines.next().unwrap_or(""));
-    let columns = (R::NEEDED..=R::COLUMNS.len()).find(|columns| found == names(&R::COLUMNS[..*columns]));
+    // Errors that rows share follow behind the columns that every row has: another reader's.
+    let own = found.find(SHARED).map_or(found, |at| &found[..at]);
+    let columns = (R::NEEDED..=R::COLUMNS.len()).find(|columns| own == names(&R::COLUMNS[..*columns]));
     let Some(columns) = columns else {
         return Err(DatasetError::Header { path: path.to_path_buf(), expected, found: found.to_owned() });
     };
-    lines.enumerate().filter(|(_, line)| !line.is_empty()).map(|(index, line)| parse_line(path, (index + 2, columns), line)).collect()
+    let fields = if own.len() < found.len() { columns } else { usize::MAX };
+    let cut = |line| first_fields(line, fields);
+    lines.enumerate().filter(|(_, line)| !line.is_empty()).map(|(index, line)| parse_line(path, (index + 2, columns), cut(line))).collect()
 }
 
 pub(super) fn write_parquet<R: Row>(path: &Path, rows: &[R]) -> Result<(), DatasetError> {
@@ -98,6 +102,25 @@ fn numbers(path: &Path, frame: &DataFrame, spec: &ColumnSpec) -> Result<Vec<f64>
     let cells = column.f64().map_err(|error| wrong("64-bit floats", error.to_string()))?;
     // An empty cell says what NaN says: not known.
     Ok(cells.iter().map(|cell| cell.unwrap_or(f64::NAN)).collect())
+}
+
+/// How the columns of shared errors begin.
+const SHARED: &str = ",shared_re_ohm[";
+
+/// The first fields of a line.
+fn first_fields(line: &str, count: usize) -> &str {
+    line.match_indices(',').nth(count.saturating_sub(1)).map_or(line, |(at, _)| &line[..at])
+}
+
+/// Writes rows with more columns behind them, one text per row.
+pub(super) fn write_csv_with<R: Row>(path: &Path, rows: &[R], (more_header, more): (&str, &[String])) -> Result<(), DatasetError> {
+    let mut text = header::<R>() + more_header + "\n";
+    for (row, more) in rows.iter().zip(more) {
+        text.push_str(&line(row));
+        text.push_str(more);
+        text.push('\n');
+    }
+    write_atomically(path, text.as_bytes())
 }
 
 fn header<R: Row>() -> String {

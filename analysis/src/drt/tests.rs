@@ -18,7 +18,7 @@ fn made(seed: u64, (points, low, high): (u32, f64, f64), sigma: f64, cell: Cell)
         let z_ohm = z + Complex64::new(s * normal(), s * normal());
         ImpedancePoint { freq_hz, z_ohm, covariance: Covariance2::circular(s * s), amplitude_a: 1.0 }
     });
-    Spectrum { name: "made".into(), points: points.collect() }
+    Spectrum { name: "made".into(), points: points.collect(), ..Spectrum::default() }
 }
 
 fn distribution(spectrum: &Spectrum) -> Drt {

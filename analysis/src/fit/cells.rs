@@ -2,7 +2,7 @@
 //! with random effects, cells with unequal numbers of sweeps allowed (Searle, Casella and McCulloch, *Variance Components*, 1992, section 3.6).
 
 use crate::formats::SourcedSpectrum;
-use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
+use crate::spectrum::{Covariance2, ImpedancePoint, SharedError, Spectrum};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
@@ -139,8 +139,11 @@ pub(super) fn cell_means(cells: &[CellSweeps]) -> Vec<Spectrum> {
     let mean = |cell: &CellSweeps| -> Spectrum {
         let n = cell.sweeps.len() as f64;
         if cell.sweeps.len() == 1 && cells.iter().all(|c| c.sweeps.len() == 1) || spread.is_empty() {
+            if let [only] = cell.sweeps.as_slice() {
+                return Spectrum { name: cell.cell.clone(), ..only.clone() };
+            }
             let points = cell.sweeps.iter().flat_map(|s| s.points.clone()).collect();
-            return Spectrum { name: cell.cell.clone(), points };
+            return Spectrum { name: cell.cell.clone(), points, ..Spectrum::default() };
         }
         let point = |(k, f): (usize, &FrequencySpread)| {
             let here = cell.sweeps.iter().flat_map(|s| &s.points).filter(|p| (p.freq_hz - f.freq_hz).abs() <= 1e-9 * f.freq_hz);
@@ -149,9 +152,32 @@ pub(super) fn cell_means(cells: &[CellSweeps]) -> Vec<Spectrum> {
             let covariance = Covariance2 { re_re: variance(&re), re_im: 0.0, im_im: variance(&im) };
             ImpedancePoint { freq_hz: f.freq_hz, z_ohm, covariance, amplitude_a: f64::NAN }
         };
-        Spectrum { name: cell.cell.clone(), points: spread.iter().enumerate().map(point).collect() }
+        with_shared(Spectrum::new(cell.cell.clone(), spread.iter().enumerate().map(point).collect()), &cell.sweeps)
     };
     cells.iter().map(mean).collect()
+}
+
+/// The mean of sweeps with the errors that all of them share: repeats do not make these smaller.
+fn with_shared(mut mean: Spectrum, sweeps: &[Spectrum]) -> Spectrum {
+    let Some(first) = sweeps.first() else { return mean };
+    mean.less = first.less;
+    let at = |sweep: &Spectrum, error: &SharedError, freq_hz: f64| {
+        let index = sweep.points.iter().position(|p| (p.freq_hz - freq_hz).abs() <= 1e-9 * freq_hz)?;
+        sweep.shared.iter().find(|other| other.name == error.name)?.at_ohm.get(index).copied()
+    };
+    for error in &first.shared {
+        let direction = |freq_hz: f64| -> Option<Complex64> {
+            let all: Vec<Complex64> = sweeps.iter().map(|sweep| at(sweep, error, freq_hz)).collect::<Option<_>>()?;
+            Some(all.iter().sum::<Complex64>() / all.len() as f64)
+        };
+        let found: Option<Vec<Complex64>> = mean.points.iter().map(|p| direction(p.freq_hz)).collect();
+        let Some(at_ohm) = found else { continue };
+        for (point, direction) in mean.points.iter_mut().zip(&at_ohm) {
+            point.covariance = point.covariance + Covariance2::along(*direction);
+        }
+        mean.shared.push(SharedError { name: error.name.clone(), at_ohm });
+    }
+    mean
 }
 
 /// Standard deviation of repeats over |Z|, averaged with the neighbours: a variance of few degrees of freedom is no good as a weight.
@@ -179,7 +205,7 @@ mod tests {
         use crate::formats::Origin;
         let one = |name: &str, cell: Option<&str>| SourcedSpectrum {
             origin: Origin { cell: cell.map(str::to_owned), ..Origin::default() },
-            spectrum: Spectrum { name: name.to_owned(), points: Vec::new() },
+            spectrum: Spectrum { name: name.to_owned(), points: Vec::new(), ..Spectrum::default() },
         };
         let names = ["cell0_0", "cell10_0", "cell0_1", "cellm2_0", "cellm2_1", "cell7", "lot_1", "lot_2", "cell_1", "cell0_x"];
         let mut all: Vec<SourcedSpectrum> = names.iter().map(|name| one(name, None)).collect();

@@ -4,12 +4,14 @@ use super::cells::CellSweeps;
 use super::clusters::Clusters;
 use super::minima::{LocalMinimum, other_minima};
 use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
-use super::problem::{Problem, impedance};
+use super::problem::Problem;
 use super::search::search;
+use super::storage::{ChargeStorage, Fitted, carry, charge_storage, settle_noise};
 use super::uncertainty::{ErmSigma, Uncertainty};
 use super::warnings::warnings;
 use crate::model::{Erm, RcBranch};
-use crate::spectrum::Spectrum;
+use crate::spectrum::{OcvSlope, Spectrum};
+use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
 /// A fitted model and what is known of it.
@@ -32,7 +34,10 @@ pub struct ErmFit {
     pub sigma: ErmSigma,
     /// Covariance of the logarithmic parameters ln R, ln R₁, ln C₁, … (so: relative), row by row; none when the data do not fix them all.
     pub log_covariance: Option<Vec<Vec<f64>>>,
-    /// Root mean square of |Z_model − Z_data|, Ω.
+    /// Slope of the open-circuit voltage beside the model; none where the spectra hold it or it was left in them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub charge_storage: Option<ChargeStorage>,
+    /// Root mean square of |Z_model − Z_data|, Ω. Errors that the points have in common count as part of the model.
     pub rms_ohm: f64,
     /// χ² per degree of freedom; only for complex least squares with a covariance at every point.
     pub reduced_chi2: Option<f64>,
@@ -70,12 +75,19 @@ pub fn fit_cells(cells: &[CellSweeps], options: &FitOptions, starts: usize) -> R
 fn fit(spectra: &[Spectrum], options: &FitOptions, (clusters, starts): (&Clusters, usize)) -> Result<ErmFit, FitError> {
     options.check()?;
     check_spectra(spectra)?;
-    let problem = Problem::new(spectra, options.objective);
+    let mut problem = Problem::new(spectra, options.objective);
     options.check_size(problem.groups.len())?;
-    let found = search(&problem, options, starts);
+    let coarse = Problem::coarse(spectra, options.objective);
+    let mut found = search(&problem, &coarse, options, starts);
+    settle_noise(&mut problem, options, &mut found.deepest.minimum);
     let minimum = &found.deepest.minimum;
     let erm = to_erm(&minimum.x).ordered();
-    let uncertainty = Uncertainty::of(&problem, &erm, options, clusters);
+    let mut uncertainty = Uncertainty::of(&problem, &erm, options, clusters);
+    let x = erm.log_parameters();
+    carry(spectra, options, &x, &mut uncertainty);
+    let noise = if problem.absolute_weights { 1.0 } else { minimum.value / uncertainty.freedom.max(1.0) };
+    let fitted = Fitted { x: &x, log_covariance: uncertainty.log_covariance.as_deref(), noise };
+    let charge_storage = charge_storage(&problem, spectra, options, &fitted);
     let mut fit = ErmFit {
         objective: minimum.value,
         objective_kind: options.objective,
@@ -85,6 +97,7 @@ fn fit(spectra: &[Spectrum], options: &FitOptions, (clusters, starts): (&Cluster
         rms_ohm: rms_ohm(&problem, &minimum.x),
         reduced_chi2: problem.absolute_weights.then_some(minimum.value / uncertainty.freedom).filter(|c| c.is_finite()),
         sigma: uncertainty.sigma,
+        charge_storage,
         log_covariance: uncertainty.log_covariance,
         erm,
         warnings: Vec::new(),
@@ -97,15 +110,21 @@ fn fit(spectra: &[Spectrum], options: &FitOptions, (clusters, starts): (&Cluster
     Ok(fit)
 }
 
+impl ErmFit {
+    /// Impedance that the fit expects to be measured: the model and, where it was taken out, the share of the open-circuit voltage, Ω.
+    pub fn impedance(&self, freq_hz: f64) -> Complex64 {
+        let storage = |s: ChargeStorage| OcvSlope { v_per_c: s.v_per_c, sigma_v_per_c: 0.0 }.impedance(freq_hz);
+        self.erm.impedance(freq_hz) + self.charge_storage.map_or(Complex64::ZERO, storage)
+    }
+}
+
 pub(super) fn to_erm(x: &[f64]) -> Erm {
     let branches = x[1..].chunks_exact(2).map(|p| RcBranch { r_ohm: p[0].exp(), c_f: p[1].exp() }).collect();
     Erm { r_ohm: x[0].exp(), branches }
 }
 
 fn rms_ohm(problem: &Problem, x: &[f64]) -> f64 {
-    let square = |g: &super::problem::Group| {
-        let z = impedance(x, g.freq_hz);
-        g.points.iter().map(|p| (z - p.z).norm_sqr()).sum::<f64>()
-    };
-    (problem.groups.iter().map(square).sum::<f64>() / problem.points as f64).sqrt()
+    let square =
+        |(g, seen): (&super::problem::Group, &Vec<Complex64>)| g.points.iter().zip(seen).map(|(p, z)| (z - p.z).norm_sqr()).sum::<f64>();
+    (problem.groups.iter().zip(&problem.seen(x)).map(square).sum::<f64>() / problem.points as f64).sqrt()
 }

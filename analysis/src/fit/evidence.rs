@@ -60,6 +60,8 @@ pub(super) struct Evidence<'a> {
     pub(super) clusters: &'a Clusters,
     /// Rising frequency.
     pub(super) frequencies: Vec<FrequencyShare>,
+    /// What errors that points share take from the information, row by row.
+    pub(super) shared: Option<Vec<f64>>,
 }
 
 /// The covariance `factor`·A⁻¹, or `factor`·A⁻¹BA⁻¹, of which the inverse is the caller's; no factor where nothing tells the noise.
@@ -74,7 +76,7 @@ pub(super) struct Normal {
 impl Evidence<'_> {
     /// `hessian` is the objective's over the free variables, exact, for a corner of the norm.
     pub(super) fn normal(&self, hessian: impl Fn(f64) -> Vec<f64>) -> Normal {
-        let squares = |factor: Option<f64>| Normal { bread: self.information(|f| f.weight), meat: None, factor };
+        let squares = |factor: Option<f64>| Normal { bread: self.left_information(), meat: None, factor };
         if self.absolute_weights {
             let widening = if self.freedom > 0.0 { (self.value / self.freedom).max(1.0) } else { 1.0 };
             return squares(Some(2.0 * widening));
@@ -100,6 +102,15 @@ impl Evidence<'_> {
                 Normal { bread: hessian(corner), meat: Some(self.gradient_scatter(clustered, rounding)), factor: Some(factor) }
             }
         }
+    }
+
+    /// 2JᵀWJ less what common errors take from it.
+    fn left_information(&self) -> Vec<f64> {
+        let mut left = self.information(|f| f.weight);
+        if let Some(taken) = &self.shared {
+            left.iter_mut().zip(taken).for_each(|(left, taken)| *left -= taken);
+        }
+        left
     }
 
     fn variables(&self) -> usize {

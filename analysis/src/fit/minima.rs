@@ -66,7 +66,8 @@ pub fn survey_seeds(spectra: &[Spectrum], options: &FitOptions, seeds: u64) -> R
     check_spectra(spectra)?;
     let problem = Problem::new(spectra, options.objective);
     options.check_size(problem.groups.len())?;
-    let one = |k: u64| search(&problem, &FitOptions { seed: options.seed.wrapping_add(k), ..*options }, 0);
+    let coarse = Problem::coarse(spectra, options.objective);
+    let one = |k: u64| search(&problem, &coarse, &FitOptions { seed: options.seed.wrapping_add(k), ..*options }, 0);
     let found: Vec<Found> = (0..seeds.max(1)).into_par_iter().map(one).collect();
     let best_value = found.iter().map(|f| f.deepest.minimum.value).fold(f64::INFINITY, f64::min);
     let reached = |f: &&Found| f.deepest.minimum.value <= best_value + 1e-6 * best_value.abs();

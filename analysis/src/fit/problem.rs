@@ -3,9 +3,10 @@
 //! The model is evaluated once per distinct frequency, however many sweeps are pooled. The two quadratic objectives need only each frequency's
 //! mean and scatter; the sum of norms needs every point.
 
+use super::common::{self, Common, Seen};
 use super::local::Smooth;
 use super::options::Objective;
-use crate::spectrum::{ImpedancePoint, Spectrum};
+use crate::spectrum::{Covariance2, Spectrum};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
@@ -50,34 +51,85 @@ pub(crate) struct Problem {
     pub(crate) points: usize,
     /// Median of |Z|, Ω: the natural size of residuals and steps.
     pub(crate) scale_ohm: f64,
+    /// Errors that points share; for complex least squares only.
+    pub(crate) common: Option<Common>,
 }
 
 impl Problem {
     /// Pools the spectra; the points must have been checked.
     pub(crate) fn new(spectra: &[Spectrum], kind: Objective) -> Self {
-        let mut tagged: Vec<(usize, &ImpedancePoint)> =
-            spectra.iter().enumerate().flat_map(|(i, s)| s.points.iter().map(move |p| (i, p))).collect();
-        tagged.sort_by(|a, b| a.1.freq_hz.total_cmp(&b.1.freq_hz));
-        let absolute_weights = kind == Objective::Complex && tagged.iter().all(|(_, p)| inverse_covariance(p).is_some());
+        Self::pool(spectra, kind, &common::names(spectra))
+    }
+
+    /// The same with the shares of common errors as noise of each point: good enough to find basins by, and quick.
+    pub(super) fn coarse(spectra: &[Spectrum], kind: Objective) -> Self {
+        Self::pool(spectra, kind, &[])
+    }
+
+    fn pool(spectra: &[Spectrum], kind: Objective, names: &[&str]) -> Self {
+        let mut tagged: Vec<(usize, usize)> =
+            spectra.iter().enumerate().flat_map(|(i, s)| (0..s.points.len()).map(move |k| (i, k))).collect();
+        let at = |(spectrum, index): &(usize, usize)| &spectra[*spectrum].points[*index];
+        tagged.sort_by(|a, b| at(a).freq_hz.total_cmp(&at(b).freq_hz));
+        let covariance = |tag: &(usize, usize)| if names.is_empty() { at(tag).covariance } else { spectra[tag.0].own_covariance(tag.1) };
+        let absolute_weights = kind == Objective::Complex && tagged.iter().all(|tag| inverse_covariance(&covariance(tag)).is_some());
         let mut groups: Vec<Group> = Vec::new();
-        for (spectrum, p) in &tagged {
+        let mut seen: Vec<Vec<Seen>> = Vec::new();
+        for tag in &tagged {
+            let (p, freq_hz) = (at(tag), at(tag).freq_hz);
             let weight = match kind {
-                Objective::Complex if absolute_weights => inverse_covariance(p).unwrap_or([1.0, 0.0, 1.0]),
+                Objective::Complex if absolute_weights => inverse_covariance(&covariance(tag)).unwrap_or([1.0, 0.0, 1.0]),
                 Objective::Complex => [1.0 / p.z_ohm.norm_sqr(), 0.0, 1.0 / p.z_ohm.norm_sqr()],
                 Objective::SumAbs | Objective::Modulus => [1.0, 0.0, 1.0],
             };
-            let point = DataPoint { z: p.z_ohm, weight, spectrum: *spectrum };
-            match groups.last_mut() {
+            let point = DataPoint { z: p.z_ohm, weight, spectrum: tag.0 };
+            let shared = Seen { z: p.z_ohm, weight, directions: common::directions(&spectra[tag.0], tag.1, names) };
+            match (groups.last_mut(), seen.last_mut()) {
                 // Files print frequencies with few digits: what differs in the tenth is the same frequency.
-                Some(g) if (p.freq_hz - g.freq_hz).abs() <= 1e-10 * g.freq_hz => g.points.push(point),
-                _ => groups.push(Group::open(p.freq_hz, point)),
+                (Some(g), Some(all)) if (freq_hz - g.freq_hz).abs() <= 1e-10 * g.freq_hz => {
+                    g.points.push(point);
+                    all.push(shared);
+                }
+                _ => {
+                    groups.push(Group::open(freq_hz, point));
+                    seen.push(vec![shared]);
+                }
             }
         }
         groups.iter_mut().for_each(Group::close);
-        let mut magnitudes: Vec<f64> = tagged.iter().map(|(_, p)| p.z_ohm.norm()).collect();
+        let mut magnitudes: Vec<f64> = tagged.iter().map(|tag| at(tag).z_ohm.norm()).collect();
         magnitudes.sort_by(f64::total_cmp);
         let scale_ohm = magnitudes.get(magnitudes.len() / 2).copied().unwrap_or(1.0);
-        Self { groups, kind, absolute_weights, smoothing_ohm: 0.0, points: tagged.len(), scale_ohm }
+        let common = if kind == Objective::Complex { Common::new(names, seen, absolute_weights) } else { None };
+        Self { groups, kind, absolute_weights, smoothing_ohm: 0.0, points: tagged.len(), scale_ohm, common }
+    }
+
+    /// Impedances of the model at all frequencies, Ω.
+    pub(super) fn model(&self, x: &[f64]) -> Vec<Complex64> {
+        let (r_ohm, branches) = components(x);
+        self.groups.iter().map(|g| impedance_of(r_ohm, &branches, g.freq_hz)).collect()
+    }
+
+    /// Impedances of the model as each point of each group sees them, with the common errors at their best, Ω.
+    pub(super) fn seen(&self, x: &[f64]) -> Vec<Vec<Complex64>> {
+        let model = self.model(x);
+        let best = self.common.as_ref().map(|common| (common, common.best(&model).0));
+        let off = |group: usize, point: usize| best.as_ref().map_or(Complex64::ZERO, |(common, best)| common.deviation(group, point, best));
+        let of = |(group, g): (usize, &Group)| (0..g.points.len()).map(|point| model[group] + off(group, point)).collect();
+        self.groups.iter().enumerate().map(of).collect()
+    }
+
+    /// DᵀWJ of the common errors over the parameters, row by row; empty without them.
+    pub(super) fn mixed(&self, x: &[f64]) -> Vec<f64> {
+        let Some(common) = &self.common else { return Vec::new() };
+        let mut mixed = vec![0.0; common.count() * x.len()];
+        let mut slopes = vec![Complex64::ZERO; x.len()];
+        let (r_ohm, branches) = components(x);
+        for (k, g) in self.groups.iter().enumerate() {
+            write_slopes((r_ohm, &branches), g.freq_hz, &mut slopes);
+            common.add_mixed(k, &slopes, &mut mixed);
+        }
+        mixed
     }
 
     /// The same problem with another corner of the smoothed norm, Ω.
@@ -160,8 +212,13 @@ impl Problem {
 /// Variables are the logarithms of the parameters: ln R, ln R₁, ln C₁, …
 impl Smooth for Problem {
     fn value(&self, x: &[f64]) -> f64 {
-        let (r_ohm, branches) = components(x);
-        self.groups.iter().map(|g| self.group_value(g, impedance_of(r_ohm, &branches, g.freq_hz))).sum()
+        let Some(common) = &self.common else {
+            let (r_ohm, branches) = components(x);
+            return self.groups.iter().map(|g| self.group_value(g, impedance_of(r_ohm, &branches, g.freq_hz))).sum();
+        };
+        let model = self.model(x);
+        let apart: f64 = self.groups.iter().zip(&model).map(|(g, z)| self.group_value(g, *z)).sum();
+        apart - common.best(&model).1
     }
 
     fn expand(&self, x: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {
@@ -172,7 +229,9 @@ impl Smooth for Problem {
         let mut slopes = vec![Complex64::ZERO; n];
         let mut curvatures = vec![[Complex64::ZERO; 3]; n / 2];
         let (r_ohm, branches) = components(x);
-        for g in &self.groups {
+        let best = self.common.as_ref().map(|common| (common, common.best(&self.model(x))));
+        let mut mixed = vec![0.0; self.common.as_ref().map_or(0, Common::count) * n];
+        for (number, g) in self.groups.iter().enumerate() {
             let mut z = Complex64::new(r_ohm, 0.0);
             slopes[0] = z;
             for (k, (r, tau)) in branches.iter().enumerate() {
@@ -182,8 +241,13 @@ impl Smooth for Problem {
                 slopes[2 * k + 1] = r * u * u;
                 slopes[2 * k + 2] = r * (u * u - u);
             }
-            let (v, [gx, gy], [xx, xy, yy]) = self.group_expand(g, z);
+            let (v, [mut gx, mut gy], [xx, xy, yy]) = self.group_expand(g, z);
             value += v;
+            if let Some((common, (best, _))) = &best {
+                let [x, y] = common.gradient(number, best);
+                (gx, gy) = (gx + x, gy + y);
+                common.add_mixed(number, &slopes, &mut mixed);
+            }
             for i in 0..n {
                 let s = slopes[i];
                 gradient[i] += gx * s.re + gy * s.im;
@@ -200,12 +264,26 @@ impl Smooth for Problem {
                 hessian[j * n + j] += gx * cc.re + gy * cc.im;
             }
         }
+        if let Some((common, (_, taken))) = &best {
+            value -= taken;
+            hessian.iter_mut().zip(common.taken_from_hessian(&mixed, n)).for_each(|(h, taken)| *h -= taken);
+        }
         for i in 0..n {
             for j in 0..i {
                 hessian[j * n + i] = hessian[i * n + j];
             }
         }
         value
+    }
+}
+
+/// Derivatives of the impedance towards ln R, ln R₁, ln C₁, … at a frequency, Ω.
+fn write_slopes((r_ohm, branches): (f64, &[(f64, f64)]), freq_hz: f64, slopes: &mut [Complex64]) {
+    slopes[0] = Complex64::new(r_ohm, 0.0);
+    for (k, (r, tau)) in branches.iter().enumerate() {
+        let u = relaxation(*tau, freq_hz);
+        slopes[2 * k + 1] = r * u * u;
+        slopes[2 * k + 2] = r * (u * u - u);
     }
 }
 
@@ -267,8 +345,7 @@ pub(crate) fn quadratic(w: &Sym2, r: Complex64) -> f64 {
 }
 
 /// Inverse of a point's covariance, 1/Ω²; none where it is unknown or not positive definite.
-fn inverse_covariance(p: &ImpedancePoint) -> Option<Sym2> {
-    let c = &p.covariance;
+fn inverse_covariance(c: &Covariance2) -> Option<Sym2> {
     let det = c.re_re * c.im_im - c.re_im * c.re_im;
     let good = c.re_re > 0.0 && c.im_im > 0.0 && det > 0.0 && det.is_finite();
     good.then(|| [c.im_im / det, -c.re_im / det, c.re_re / det])

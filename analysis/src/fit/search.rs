@@ -37,10 +37,12 @@ pub(super) fn log_bounds(options: &FitOptions) -> Vec<(f64, f64)> {
 }
 
 /// Searches; `starts` more descents begin at random time constants.
-pub(super) fn search(problem: &Problem, options: &FitOptions, starts: usize) -> Found {
+///
+/// `coarse` is the same problem without common errors, over which basins are looked for; the descents are made over `problem` itself.
+pub(super) fn search(problem: &Problem, coarse: &Problem, options: &FitOptions, starts: usize) -> Found {
     let bounds = log_bounds(options);
-    let mut projection = Projection::new(problem, &options.bounds);
-    let begun = starting_points(problem, options, starts);
+    let mut projection = Projection::new(coarse, &options.bounds);
+    let begun = starting_points(coarse, options, starts);
     let descents = begun.len();
     let mut rough: Vec<Basin> = Vec::new();
     for log_tau in begun {
@@ -54,7 +56,7 @@ pub(super) fn search(problem: &Problem, options: &FitOptions, starts: usize) -> 
     }
     basins.sort_by(|a, b| a.minimum.value.total_cmp(&b.minimum.value));
     let mut basins = basins.into_iter();
-    let only = || Basin { minimum: polish(problem, &Projection::new(problem, &options.bounds).parameters(&[]), &bounds), descents: 1 };
+    let only = || Basin { minimum: polish(problem, &Projection::new(coarse, &options.bounds).parameters(&[]), &bounds), descents: 1 };
     let deepest = basins.next().unwrap_or_else(only);
     Found { deepest, others: basins.collect(), descents: descents.max(1) }
 }

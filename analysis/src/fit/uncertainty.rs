@@ -9,6 +9,7 @@ use super::options::{FitOptions, Objective};
 use super::problem::{Group, Problem, impedance, quadratic};
 use super::search::log_bounds;
 use crate::model::Erm;
+use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
 /// Standard uncertainty of a branch; none where the data do not fix it.
@@ -94,6 +95,7 @@ fn covariance(problem: &Problem, x: &[f64], free: &[usize], (freedom, clusters):
         freedom,
         clusters,
         frequencies: shares(problem, x, free)?,
+        shared: taken(problem, x, free),
     };
     let hessian = |corner: f64| {
         let (mut gradient, mut hessian) = (vec![0.0; n], vec![0.0; n * n]);
@@ -109,21 +111,33 @@ fn covariance(problem: &Problem, x: &[f64], free: &[usize], (freedom, clusters):
     Some(covariance.iter().map(|v| v * factor).collect())
 }
 
+/// What common errors take from the information on the free parameters, row by row; none without them.
+fn taken(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<f64>> {
+    let (common, n) = (problem.common.as_ref()?, x.len());
+    let all = common.taken_from_hessian(&problem.mixed(x), n);
+    Some(free.iter().flat_map(|i| free.iter().map(|j| all[i * n + j]).collect::<Vec<f64>>()).collect())
+}
+
 /// Every frequency at the optimum; none for parameters that make no model.
 fn shares(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<FrequencyShare>> {
     let erm = Erm::from_log_parameters(x).ok()?;
-    let of = |g: &Group| {
-        let (z, slopes) = (erm.impedance(g.freq_hz), erm.log_gradient(g.freq_hz));
-        let point = |p: &super::problem::DataPoint| PointShare {
-            norm: quadratic(&p.weight, z - p.z).sqrt(),
+    let seen = problem.seen(x);
+    let of = |(group, g): (usize, &Group)| {
+        let slopes = erm.log_gradient(g.freq_hz);
+        let point = |(p, z): (&super::problem::DataPoint, &Complex64)| PointShare {
+            norm: quadratic(&p.weight, *z - p.z).sqrt(),
             size: z.norm(),
             weight: p.weight,
-            gradient: problem.point_gradient(p, z),
+            gradient: problem.point_gradient(p, *z),
             spectrum: p.spectrum,
         };
-        FrequencyShare { slopes: free.iter().map(|i| slopes[*i]).collect(), weight: g.weight, points: g.points.iter().map(point).collect() }
+        FrequencyShare {
+            slopes: free.iter().map(|i| slopes[*i]).collect(),
+            weight: g.weight,
+            points: g.points.iter().zip(&seen[group]).map(point).collect(),
+        }
     };
-    Some(problem.groups.iter().map(of).collect())
+    Some(problem.groups.iter().enumerate().map(of).collect())
 }
 
 /// The problem with the norm's corner as round as the residuals are large, as for the sigmas.

@@ -44,13 +44,14 @@ fn weighted(problem: &Problem, fit: &ErmFit) -> Option<(Vec<f64>, DMatrix<f64>)>
     let parameters = fit.erm.parameter_count();
     let mut residuals = vec![0.0; 2 * groups];
     let mut slopes = DMatrix::zeros(2 * groups, parameters);
+    let seen = problem.seen(&fit.erm.log_parameters());
     for (k, g) in problem.groups.iter().enumerate() {
         // Cholesky of the weight: |root·r|² = rᵀWr.
         let [xx, xy, yy] = g.weight;
         let (a, b) = (xx.sqrt(), xy / xx.sqrt());
         let c = (yy - b * b).max(0.0).sqrt();
         let root = |z: num_complex::Complex64| (a * z.re + b * z.im, c * z.im);
-        (residuals[k], residuals[groups + k]) = root(g.mean - fit.erm.impedance(g.freq_hz));
+        (residuals[k], residuals[groups + k]) = root(g.mean - seen[k].first().copied().unwrap_or_default());
         for (i, slope) in fit.erm.log_gradient(g.freq_hz).into_iter().enumerate() {
             (slopes[(k, i)], slopes[(groups + k, i)]) = root(slope);
         }

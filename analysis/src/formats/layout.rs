@@ -63,7 +63,9 @@ pub(super) fn parse(text: &Text<'_>) -> Result<Vec<SourcedSpectrum>, FormatError
     }
     let stem = text.path.file_stem().map_or_else(|| "spectrum".to_owned(), |s| s.to_string_lossy().into_owned());
     let several = groups.len() > 1;
-    Ok(groups.into_iter().map(|(origin, points)| finish(origin, points, (&stem, several))).collect())
+    let mut spectra: Vec<SourcedSpectrum> = groups.into_iter().map(|(origin, points)| finish(origin, points, (&stem, several))).collect();
+    super::shared::attach(text, &mut spectra)?;
+    Ok(spectra)
 }
 
 fn finish(origin: Origin, mut points: Vec<ImpedancePoint>, (stem, several): (&str, bool)) -> SourcedSpectrum {
@@ -82,7 +84,7 @@ fn finish(origin: Origin, mut points: Vec<ImpedancePoint>, (stem, several): (&st
         None if several => format!("{stem}{bias}"),
         None => stem.to_owned(),
     };
-    SourcedSpectrum { origin, spectrum: Spectrum { name, points } }
+    SourcedSpectrum { origin, spectrum: Spectrum { name, points, ..Spectrum::default() } }
 }
 
 impl Layout {

@@ -22,6 +22,7 @@ mod error;
 mod layout;
 pub mod model;
 pub mod scope;
+pub(crate) mod shared;
 mod text;
 mod timeseries;
 mod vendor;

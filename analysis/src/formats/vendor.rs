@@ -130,7 +130,10 @@ fn read(path: &Path, lines: &[&str], header: usize, columns: &Columns) -> Result
     let finish = |(cycle, mut points): (Option<String>, Vec<ImpedancePoint>)| {
         points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
         let name = if several { format!("{stem}_{}", cycle.as_deref().unwrap_or("")) } else { stem.clone() };
-        SourcedSpectrum { origin: Origin { repeat: cycle.filter(|_| several), ..Origin::default() }, spectrum: Spectrum { name, points } }
+        SourcedSpectrum {
+            origin: Origin { repeat: cycle.filter(|_| several), ..Origin::default() },
+            spectrum: Spectrum { name, points, ..Spectrum::default() },
+        }
     };
     Ok(groups.into_iter().map(finish).collect())
 }

@@ -87,7 +87,7 @@ mod tests {
                 covariance: Covariance2::UNKNOWN,
                 amplitude_a: f64::NAN,
             };
-            let spectrum = Spectrum { name: "a cell".to_owned(), points: rows.iter().map(point).collect() };
+            let spectrum = Spectrum { name: "a cell".to_owned(), points: rows.iter().map(point).collect(), ..Spectrum::default() };
             let folder = tempfile::tempdir().unwrap();
             for format in [SpectrumFormat::ImpedancePy, SpectrumFormat::Gamry, SpectrumFormat::BioLogic, SpectrumFormat::ZView] {
                 // The ending tells nothing: the content does.

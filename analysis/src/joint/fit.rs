@@ -161,6 +161,7 @@ impl JointFit {
             cells: None,
             sigma: self.sigma.clone(),
             log_covariance: self.covariance.as_ref().map(|c| c[..parameters].iter().map(|row| row[..parameters].to_vec()).collect()),
+            charge_storage: None,
             rms_ohm: (square / spectrum.points.len() as f64).sqrt(),
             reduced_chi2: Some(self.reduced_chi2),
             warnings: self.warnings.clone(),

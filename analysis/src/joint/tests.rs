@@ -72,7 +72,7 @@ fn sweeps(seed: u64) -> Vec<SourcedSpectrum> {
                 let scatter = Complex64::new(1.0 + 0.002 * normal(&mut rng), 0.002 * normal(&mut rng));
                 ImpedancePoint { freq_hz, z_ohm: z * factor * scatter, covariance: Covariance2::UNKNOWN, amplitude_a: 1.0 }
             };
-            let spectrum = Spectrum { name: format!("cell{cell}_{repeat}"), points: (0..20).map(point).collect() };
+            let spectrum = Spectrum { name: format!("cell{cell}_{repeat}"), points: (0..20).map(point).collect(), ..Spectrum::default() };
             all.push(SourcedSpectrum { origin: Origin::default(), spectrum });
         }
     }

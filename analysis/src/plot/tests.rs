@@ -13,7 +13,7 @@ fn sweep(name: &str, scale: f64) -> Spectrum {
     let covariance = Covariance2 { re_re: variance, re_im: 0.3 * variance, im_im: 0.5 * variance };
     let at = |k: u32| 0.1 * 3000f64.powf(f64::from(k) / 20.0);
     let point = |freq_hz| ImpedancePoint { freq_hz, z_ohm: cell().impedance(freq_hz) * scale, covariance, amplitude_a: 1.0 };
-    Spectrum { name: name.into(), points: (0..20).map(|k| point(at(k))).collect() }
+    Spectrum { name: name.into(), points: (0..20).map(|k| point(at(k))).collect(), ..Spectrum::default() }
 }
 
 fn plot() -> ImpedancePlot {

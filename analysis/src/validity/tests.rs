@@ -71,7 +71,7 @@ fn measured(grid: &[f64], cell: impl Fn(f64) -> Complex64, bench: Bench, (noise,
         let covariance = if bench.stated { Covariance2::circular(s * s) } else { Covariance2::UNKNOWN };
         ImpedancePoint { freq_hz: *freq_hz, z_ohm, covariance, amplitude_a: f64::NAN }
     };
-    Spectrum { name: "made".into(), points: grid.iter().enumerate().map(point).collect() }
+    Spectrum { name: "made".into(), points: grid.iter().enumerate().map(point).collect(), ..Spectrum::default() }
 }
 
 fn thesis_grid() -> Vec<f64> {
@@ -372,7 +372,7 @@ fn refuses_what_cannot_be_judged() {
     let message = assess(&[zero], &[]).unwrap_err().to_string();
     assert!(message.starts_with("spectrum \"made\", point 3 (0.22"), "{message}");
     assert!(message.ends_with("expected an impedance other than 0 Ω, met 0 Ω"), "{message}");
-    let empty = Spectrum { name: "nothing".into(), points: Vec::new() };
+    let empty = Spectrum { name: "nothing".into(), points: Vec::new(), ..Spectrum::default() };
     assert!(assess(&[empty], &[]).unwrap_err().to_string().contains("at least one point, met none"));
 }
 

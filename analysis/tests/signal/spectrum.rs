@@ -89,7 +89,7 @@ fn a_spectrum_is_checked() {
     let bad = |change: Change| {
         let mut points = vec![point(1.0), point(2.0), point(3.0)];
         change(&mut points[1]);
-        Spectrum { name: "run 7".into(), points }.validate().unwrap_err().to_string()
+        Spectrum { name: "run 7".into(), points, ..Spectrum::default() }.validate().unwrap_err().to_string()
     };
     let cases: [(Change, &str); 6] = [
         (|p| p.freq_hz = 1.0, "spectrum \"run 7\", point 2 (1 Hz): expected rising frequencies, met 1 Hz after 1 Hz"),
@@ -108,9 +108,9 @@ fn a_spectrum_is_checked() {
     for (change, text) in cases {
         assert_eq!(bad(change), text);
     }
-    let empty = Spectrum { name: "run 7".into(), points: vec![] };
+    let empty = Spectrum { name: "run 7".into(), points: vec![], ..Spectrum::default() };
     assert_eq!(empty.validate().unwrap_err().to_string(), "spectrum \"run 7\": expected at least one point, met none");
-    let mut shuffled = Spectrum { name: "s".into(), points: vec![point(3.0), point(1.0), point(2.0)] };
+    let mut shuffled = Spectrum { name: "s".into(), points: vec![point(3.0), point(1.0), point(2.0)], ..Spectrum::default() };
     shuffled.sort();
     shuffled.points[2].covariance = Covariance2::UNKNOWN;
     shuffled.points[2].amplitude_a = f64::NAN;

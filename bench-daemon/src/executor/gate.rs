@@ -147,7 +147,8 @@ impl Executor<'_> {
             if sorted.len() < FEWEST_POINTS {
                 continue;
             }
-            let spectrum = Spectrum { name: "sweep".to_owned(), points: sorted.iter().map(|(_, point)| *point).collect() };
+            let spectrum =
+                Spectrum { name: "sweep".to_owned(), points: sorted.iter().map(|(_, point)| *point).collect(), ..Spectrum::default() };
             let Ok(test) = Noise::of(&spectrum, &[]).and_then(|noise| kramers_kronig(&spectrum, &noise)) else { continue };
             let fails = |point: &KkPoint| point.left_out || point.sigmas > CERTAIN;
             for ((k, _), point) in sorted.iter().zip(&test.points) {

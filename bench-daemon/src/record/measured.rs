@@ -4,7 +4,7 @@ use std::fs;
 
 use analysis::{
     dataset::{self, Capture, LegRow, RunIndex, SweepEntry, TraceEntry, TraceRow},
-    spectrum::ImpedancePoint,
+    spectrum::{ImpedancePoint, Spectrum},
 };
 use instruments::{mock::plant::Fixture, scope::Waveform};
 
@@ -141,5 +141,14 @@ impl Recorder {
     pub fn spectrum(&self, name: &str, points: &[ImpedancePoint]) -> Result<(), RecordError> {
         self.room(name)?;
         Ok(dataset::write_spectrum_csv(&self.path(name), points)?)
+    }
+
+    /// As [`Self::spectrum`], with the errors that the points share.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn whole_spectrum(&self, name: &str, spectrum: &Spectrum) -> Result<(), RecordError> {
+        self.room(name)?;
+        Ok(dataset::write_whole_spectrum_csv(&self.path(name), spectrum)?)
     }
 }

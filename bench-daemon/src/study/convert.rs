@@ -110,5 +110,5 @@ fn spectrum(run: &Run) -> Option<Spectrum> {
     let covariance = Covariance2 { re_re: f64::NAN, re_im: f64::NAN, im_im: f64::NAN };
     let point =
         |p: &SweepPoint| ImpedancePoint { freq_hz: p.freq_hz, z_ohm: p.z_ohm, covariance, amplitude_a: p.amplitude_a.unwrap_or(f64::NAN) };
-    Some(Spectrum { name: run.name.clone(), points: sweep.points.iter().map(point).collect() })
+    Some(Spectrum { name: run.name.clone(), points: sweep.points.iter().map(point).collect(), ..Spectrum::default() })
 }

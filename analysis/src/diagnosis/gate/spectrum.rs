@@ -58,5 +58,5 @@ fn spectrum(name: &str, sweep: &Sweep, history_rel: Option<f64>) -> Spectrum {
             p.sigma_ohm.or(known).map_or(Covariance2::UNKNOWN, |(re, im)| Covariance2 { re_re: re * re, re_im: 0.0, im_im: im * im });
         ImpedancePoint { freq_hz: p.freq_hz, z_ohm: p.z_ohm, covariance, amplitude_a: p.amplitude_a.unwrap_or(f64::NAN) }
     });
-    Spectrum { name: name.to_owned(), points: points.collect() }
+    Spectrum { name: name.to_owned(), points: points.collect(), ..Spectrum::default() }
 }

@@ -40,6 +40,7 @@ impl Uncertainty {
             freedom: freedom as f64,
             clusters: &problem.data.clusters,
             frequencies: shares(problem, x, &variables),
+            shared: None,
         };
         let Normal { bread, meat, factor } = evidence.normal(|corner| hessian(problem, x, (&variables, corner)));
         let (bread, fixed, condition) = invert(&DMatrix::from_row_slice(m, m, &bread));

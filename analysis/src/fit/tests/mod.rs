@@ -40,7 +40,7 @@ fn noisy(circuit: Circuit<'_>, count: u32, relative: f64, rng: &mut Rng) -> Spec
         let covariance = Covariance2 { re_re: sigma * sigma, re_im: 0.0, im_im: sigma * sigma };
         ImpedancePoint { freq_hz, z_ohm, covariance, amplitude_a: 1.0 }
     };
-    Spectrum { name: "simulated".into(), points: frequencies(count).into_iter().map(point).collect() }
+    Spectrum { name: "simulated".into(), points: frequencies(count).into_iter().map(point).collect(), ..Spectrum::default() }
 }
 
 fn exact(circuit: Circuit<'_>, count: u32) -> Spectrum {

@@ -37,7 +37,7 @@ impl<'a> Gathered<'a> {
             controls: Vec::new(),
             sweeps: BTreeMap::new(),
             correction: inherited.unwrap_or_else(|| Correction::none(experiment.bench.wiring.shunt)),
-            spectrum: Spectrum { name: experiment.name.clone(), points: Vec::new() },
+            spectrum: Spectrum { name: experiment.name.clone(), points: Vec::new(), ..Spectrum::default() },
             repeats: Vec::new(),
             own_noise: Vec::new(),
             points: Vec::new(),

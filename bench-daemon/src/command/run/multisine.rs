@@ -96,8 +96,9 @@ pub(super) fn write(
         let covariance = correction.measured_parts(phasors).into_iter().sum();
         ImpedancePoint { covariance, ..*point }
     };
-    let own_noise = Spectrum { name: experiment.name.clone(), points: found.iter().zip(&corrected).map(own).collect() };
-    let spectrum = Spectrum { name: experiment.name.clone(), points: corrected };
+    let own_noise =
+        Spectrum { name: experiment.name.clone(), points: found.iter().zip(&corrected).map(own).collect(), ..Spectrum::default() };
+    let spectrum = Spectrum { name: experiment.name.clone(), points: corrected, ..Spectrum::default() };
     let volts_per_div = found.iter().map(|(_, volts_per_div, _)| *volts_per_div).collect();
     let run = MultisineRun { spectrum, own_noise, noise_dof: noise_dof(stage), flagged, lines, volts_per_div, took_s };
     recorder.json(&named("multisine.json", repeat), &run)?;

@@ -7,6 +7,7 @@ mod ocv;
 mod ranges;
 mod records;
 mod report;
+mod storage;
 mod validity;
 
 use analysis::{
@@ -73,7 +74,7 @@ fn evaluate(recorder: &mut Recorder, experiment: &Experiment, (measured, shown):
 
 /// The orders that could be fitted, to all sweeps of the cell together; one that could not is noted and does not cost the others.
 fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Vec<ErmFit> {
-    let spectra: Vec<Spectrum> = alike(measured).into_iter().cloned().collect();
+    let spectra = storage::less_charge_storage(recorder, experiment, alike(measured));
     let mut fits = Vec::new();
     for &rc in &experiment.fit.rc {
         let bounds = Bounds::for_spectra(&spectra);
@@ -148,10 +149,11 @@ fn summary(
     for fit in fits {
         let chi2 = fit.reduced_chi2.map_or_else(String::new, |chi2| format!(", reduced χ² {chi2:.2}"));
         lines.push(format!(
-            "{} RC: R {:.4} mΩ, DC resistance {:.4} mΩ, rms residual {:.2} µΩ{chi2}",
+            "{} RC: R {:.4} mΩ, DC resistance {:.4} mΩ{}, rms residual {:.2} µΩ{chi2}",
             fit.erm.branches.len(),
             1.0e3 * fit.erm.r_ohm,
             1.0e3 * fit.erm.dc_resistance_ohm(),
+            storage::apparent(fit),
             1.0e6 * fit.rms_ohm
         ));
     }

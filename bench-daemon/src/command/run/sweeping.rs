@@ -1,7 +1,7 @@
 //! One sweep in the files of a run: where its points go, and what the index says of it.
 
 use analysis::{
-    calibration::Correction,
+    calibration::{Correction, CorrectionModes},
     dataset::{FlaggedPoint, Role, SweepEntry},
     effects::Below,
     spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, at_one_time},
@@ -27,6 +27,8 @@ pub(super) struct Sweeping<'a> {
     correction: Correction,
     /// What the channels showed of the shunt.
     shunt: Vec<ChannelPhasors>,
+    /// What they showed in the jig before the first cell; empty without a fake cell.
+    jig: Vec<ChannelPhasors>,
     /// The run of the campaign that it is of.
     run: Option<CampaignRun>,
     /// In names of files.
@@ -49,7 +51,7 @@ pub(super) struct Settled {
 impl<'a> Sweeping<'a> {
     pub(super) fn new(experiment: &'a Experiment, (fixture, repeat): (Fixture, usize), measured: &Measured) -> Self {
         let correction = measured.correction.clone();
-        let shunt = shunt_phasors(measured);
+        let (shunt, jig) = (shunt_phasors(measured), phasors_of(measured, Fixture::FakeCell));
         let cell = fixture == Fixture::Cell;
         let run = experiment.campaign.as_ref().filter(|_| cell).and_then(|campaign| campaign.run(repeat));
         let name = sweep_name(fixture, repeat);
@@ -61,7 +63,7 @@ impl<'a> Sweeping<'a> {
             (false, _, None) => format!("spectrum_{name}.csv"),
         };
         let (raw, file) = (format!("raw_{name}.csv"), corrected.then_some(file));
-        Self { experiment, fixture, repeat, correction, shunt, run, name, raw, file }
+        Self { experiment, fixture, repeat, correction, shunt, jig, run, name, raw, file }
     }
 
     /// The file that the index names.
@@ -97,9 +99,6 @@ impl<'a> Sweeping<'a> {
             let covariance = self.correction.measured_parts(&point.phasors).into_iter().sum();
             ImpedancePoint { covariance, ..self.corrected(point) }
         });
-        if let Some(file) = &self.file {
-            recorder.spectrum(file, &corrected)?;
-        }
         let (begin_s, end_s) = points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.time_s), b.max(p.time_s)));
         points.dedup_by(|a, b| {
             let same = a.phasors.freq_hz == b.phasors.freq_hz;
@@ -110,8 +109,26 @@ impl<'a> Sweeping<'a> {
             }
             same
         });
-        let named = |points| Spectrum { name: self.spectrum_name(), points };
-        Ok(Settled { points, spectrum: named(corrected), own_noise: named(own) })
+        let named = |points| Spectrum::new(self.spectrum_name(), points);
+        let phasors: Vec<ChannelPhasors> = points.iter().map(|point| point.phasors).collect();
+        let spectrum = self.with_shared(named(corrected), &phasors);
+        if let Some(file) = &self.file {
+            recorder.whole_spectrum(file, &spectrum)?;
+        }
+        Ok(Settled { points, spectrum, own_noise: named(own) })
+    }
+
+    /// A spectrum of the cell with what the correction leaves wrong in all its points; its errors are the same for all sweeps of the run.
+    fn with_shared(&self, spectrum: Spectrum, phasors: &[ChannelPhasors]) -> Spectrum {
+        if self.fixture != Fixture::Cell || self.file.is_none() {
+            return spectrum;
+        }
+        let text = serde_json::to_string(&self.correction).unwrap_or_default();
+        let run: String = crate::hash::sha256(text).chars().take(12).collect();
+        // Chosen by the control in the jig, so that they are the same for every sweep of the run.
+        let chosen_by = if self.jig.is_empty() { phasors } else { &self.jig };
+        let modes = CorrectionModes::new(&self.correction, chosen_by, &run);
+        self.correction.with_shared(spectrum, phasors, &modes)
     }
 
     /// Makes the tables what the finished points say.
@@ -177,7 +194,12 @@ impl<'a> Sweeping<'a> {
 
 /// What the channels showed of the shunt in the check of the fixture.
 pub(super) fn shunt_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
-    measured.sweeps.get(fixture_name(Fixture::Shunt)).into_iter().flatten().map(|point| point.phasors).collect()
+    phasors_of(measured, Fixture::Shunt)
+}
+
+/// What the channels showed of a control.
+fn phasors_of(measured: &Measured, fixture: Fixture) -> Vec<ChannelPhasors> {
+    measured.sweeps.get(fixture_name(fixture)).into_iter().flatten().map(|point| point.phasors).collect()
 }
 
 /// What lies between the lower tap and the ground of the channels: the median of the resistance over the points, and of the inductance over the upper half of

@@ -24,7 +24,7 @@ fn noisy(truth: impl Fn(f64) -> Complex64, freqs: &[f64], (relative, rng): (f64,
         let covariance = if relative > 0.0 { Covariance2::circular(sigma * sigma) } else { Covariance2::UNKNOWN };
         ImpedancePoint { freq_hz: *freq_hz, z_ohm, covariance, amplitude_a: 1.0 }
     };
-    Spectrum { name: "simulated".into(), points: freqs.iter().map(point).collect() }
+    Spectrum { name: "simulated".into(), points: freqs.iter().map(point).collect(), ..Spectrum::default() }
 }
 
 /// The same without any stated uncertainty.

@@ -254,7 +254,7 @@ fn picture(experiment: &Experiment, campaign: &Campaign, cells: &[(usize, &Spect
         covariance: unknown,
         amplitude_a: f64::NAN,
     };
-    let mean = Spectrum { name: "mean of the cells".to_owned(), points: spread.iter().map(point).collect() };
+    let mean = Spectrum { name: "mean of the cells".to_owned(), points: spread.iter().map(point).collect(), ..Spectrum::default() };
     series.push(Series::data(&mean, campaign.cells.len()).styled(SeriesStyle::Curve));
     ImpedancePlot::new(&format!("All {} spectra of the campaign", cells.len()), &experiment.cell.name, series)
 }
@@ -313,6 +313,7 @@ mod tests {
                 covariance: Covariance2 { re_re: 4.0e-12, im_im: 1.0e-12, re_im: 0.0 },
                 amplitude_a: 1.0,
             }],
+            ..Spectrum::default()
         };
         let all = [0.009, 0.011, 0.019, 0.021].map(spectrum);
         let cells: Vec<(usize, &Spectrum)> = [1, 1, 2, 2].into_iter().zip(&all).collect();

@@ -173,7 +173,7 @@ fn controls_plot(experiment: &Experiment, measured: &Measured) -> (String, Strin
     let mut series = Vec::new();
     for (index, control) in measured.controls.iter().enumerate() {
         let points = measured.sweeps.get(control.control).map_or(&[][..], Vec::as_slice);
-        let spectrum = |points: Vec<ImpedancePoint>| Spectrum { name: control.control.to_owned(), points };
+        let spectrum = |points: Vec<ImpedancePoint>| Spectrum { name: control.control.to_owned(), points, ..Spectrum::default() };
         let known = format!("{} as read (known: {} mΩ)", control.control, significant(1.0e3 * control.known.r_ohm, 4));
         series.push(Series::data(&spectrum(fixture_check::raw_points(&experiment.bench, points)), 2 * index).labelled(Some(&known)));
         if control.corrected.is_some() {
@@ -367,6 +367,7 @@ mod tests {
         let spectrum = |re: f64| Spectrum {
             name: String::new(),
             points: vec![ImpedancePoint { freq_hz: 1.0, z_ohm: re.into(), covariance: Covariance2::UNKNOWN, amplitude_a: 1.0 }],
+            ..Spectrum::default()
         };
         let all = [0.009, 0.011].map(spectrum);
         let scatter = scatter_ohm(&all.iter().collect::<Vec<_>>());

@@ -53,7 +53,7 @@ impl Judged {
 pub(super) fn judge(measured: &Measured, shunt_ohm: f64) -> Vec<Judged> {
     let names = measured.names();
     let judged = |((name, points), own): ((String, &Vec<_>), &analysis::spectrum::Spectrum)| {
-        let tested = analysis::spectrum::Spectrum { name: name.clone(), points: own.points.clone() };
+        let tested = analysis::spectrum::Spectrum::new(name.clone(), own.points.clone());
         Judged { name, outcome: kk::tested(&tested, &records::records(points, shunt_ohm)) }
     };
     names.into_iter().zip(&measured.points).zip(&measured.own_noise).map(judged).collect()

@@ -1,0 +1,48 @@
+//! Charge storage of the cell: the slope of its open-circuit voltage where it rested before each sweep, taken out before models are fitted.
+
+use analysis::{fit::ErmFit, spectrum::Spectrum};
+
+use crate::{config::Experiment, record::Recorder};
+
+/// Standard deviation of the voltage at rest, V: the voltmeters of the known supplies are stated to a few millivolts (`docs/drivers.md`), and the rest of a
+/// reset ends at a few millivolts of relaxation.
+const REST_SIGMA_V: f64 = 5.0e-3;
+/// Standard deviation of the slope of a curve, as a share, by convention: cells of one make differ by 1 to 2 % in capacity, and a curve is drawn through knots.
+pub(crate) const SLOPE_SHARE: f64 = 0.03;
+
+/// The spectra without the share of the open-circuit voltage; as they are, with a note, where none is known.
+pub(super) fn less_charge_storage(recorder: &mut Recorder, experiment: &Experiment, spectra: Vec<&Spectrum>) -> Vec<Spectrum> {
+    let Some(curve) = &experiment.cell.ocv else {
+        recorder.warning("the cell's file has no [ocv]: charge storage is left in the impedance, and the DC resistance is an apparent one");
+        return spectra.into_iter().cloned().collect();
+    };
+    let rests_v: Vec<Option<f64>> =
+        recorder.index().sweeps.iter().filter(|sweep| sweep.fixture == "cell").map(|sweep| sweep.start_ocv_v).collect();
+    let mut outside = 0;
+    let mut one = |(number, spectrum): (usize, &Spectrum)| {
+        let rest_v = rests_v.get(number).copied().flatten().or_else(|| rests_v.iter().flatten().next().copied());
+        match rest_v.and_then(|rest_v| curve.charge_slope(rest_v, REST_SIGMA_V, SLOPE_SHARE)) {
+            Some(slope) => spectrum.less_charge_storage(slope),
+            None => {
+                outside += 1;
+                spectrum.clone()
+            }
+        }
+    };
+    let left: Vec<Spectrum> = spectra.into_iter().enumerate().map(&mut one).collect();
+    if outside > 0 {
+        recorder.warning(&format!(
+            "{outside} sweeps began at a voltage outside the curve of [ocv], or at an unknown one: charge storage is left in all impedances, and the DC resistance \
+             is an apparent one"
+        ));
+        return left.iter().map(Spectrum::with_charge_storage).collect();
+    }
+    left
+}
+
+/// The apparent DC resistance in words; empty where charge storage was not taken out.
+pub(super) fn apparent(fit: &ErmFit) -> String {
+    fit.charge_storage.map_or_else(String::new, |storage| {
+        format!(" (apparent, with the slope of the open-circuit voltage left in: {:.4} mΩ)", 1.0e3 * storage.apparent_dc_resistance_ohm)
+    })
+}
