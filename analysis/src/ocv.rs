@@ -18,6 +18,14 @@ pub use reach::Reach;
 use crate::spectrum::OcvSlope;
 use serde::{Deserialize, Serialize};
 
+/// Standard deviation of the voltage at rest of a measured cell, V, where nothing else is known: the voltmeters of the known supplies are stated to a few
+/// millivolts, and a rest ends with a few millivolts of relaxation to go.
+pub const REST_SIGMA_V: f64 = 5.0e-3;
+
+/// Standard deviation of the slope of a curve, as a share, by convention: cells of one make differ by 1 to 2 % in capacity, and a curve is drawn through
+/// knots.
+pub const SLOPE_SHARE: f64 = 0.03;
+
 /// Open-circuit voltage over state of charge.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -246,6 +246,9 @@ pub struct FitArgs {
     /// What is minimised: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only) or `complex` (least squares).
     #[arg(long, default_value = "complex")]
     pub objective: String,
+    /// Charge storage of the cell.
+    #[command(flatten)]
+    pub slope: command::ocv_slope::SlopeArgs,
     /// A circuit instead of the extended Randles model, and how to fit it.
     #[command(flatten)]
     pub circuit: command::fit_circuit::CircuitArgs,

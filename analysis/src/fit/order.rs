@@ -52,6 +52,9 @@ pub struct OrderRow {
     pub left_out_cell: Option<f64>,
     /// Change of the mean square of that against the order below, with its standard error over cells.
     pub left_out_change: Option<(f64, f64)>,
+    /// Parameters that are at a bound in at least half of the cells.
+    #[serde(default)]
+    pub held_by_bounds: Vec<String>,
     /// Parameters that are at a bound or uncertain by more than 50 % in at least half of the cells.
     pub unidentified: Vec<String>,
 }
@@ -142,6 +145,7 @@ fn row(means: &[Spectrum], options: &OrderOptions, rc: usize, freedom_within: Op
         lack_of_fit_p: freedom_within.filter(|_| absolute).map(|within| f_tail(chi2 / freedom, (freedom, within as f64))),
         left_out_cell: None,
         left_out_change: None,
+        held_by_bounds: held_by_bounds(&fits),
         unidentified: unidentified(&fits),
     })
 }
@@ -150,6 +154,14 @@ fn aicc(chi2: f64, numbers: f64, parameters: f64) -> f64 {
     let left = numbers - parameters - 1.0;
     let correction = if left > 0.0 { 2.0 * parameters * (parameters + 1.0) / left } else { f64::INFINITY };
     numbers * (chi2 / numbers).max(f64::MIN_POSITIVE).ln() + 2.0 * parameters + correction
+}
+
+/// Names of the parameters that a bound holds in at least half of the fits.
+fn held_by_bounds(fits: &[ErmFit]) -> Vec<String> {
+    let Some(first) = fits.first() else { return Vec::new() };
+    let held: Vec<Vec<String>> = fits.iter().map(super::warnings::held_by_bounds).collect();
+    let names = first.erm.parameter_names().into_iter();
+    names.filter(|name| 2 * held.iter().filter(|held| held.contains(name)).count() >= fits.len()).collect()
 }
 
 /// Names of the parameters that at least half of the fits do not fix.

@@ -14,10 +14,13 @@ const LEVEL: f64 = 0.01;
 
 /// The order to use, the orders that cannot be told from the best, and the reasons.
 pub(super) fn judge(rows: &[OrderRow]) -> (usize, Vec<usize>, Vec<String>) {
-    let Some(best) = rows.iter().min_by(|a, b| a.aicc.total_cmp(&b.aicc)) else { return (0, Vec::new(), Vec::new()) };
+    // A branch at a bound is no branch: such an order is taken only where every order has one.
+    let sound: Vec<&OrderRow> = rows.iter().filter(|r| r.held_by_bounds.is_empty()).collect();
+    let eligible: Vec<&OrderRow> = if sound.is_empty() { rows.iter().collect() } else { sound };
+    let Some(best) = eligible.iter().min_by(|a, b| a.aicc.total_cmp(&b.aicc)) else { return (0, Vec::new(), Vec::new()) };
     let tested = by_f_test(rows);
     let near = |r: &&OrderRow| r.aicc <= best.aicc + if r.rc < best.rc { PLAUSIBLE } else { PLAUSIBLE_ABOVE } || r.rc == tested;
-    let plausible: Vec<usize> = rows.iter().filter(near).map(|r| r.rc).collect();
+    let plausible: Vec<usize> = eligible.iter().copied().filter(near).map(|r| r.rc).collect();
     let usable = |r: &&OrderRow| plausible.contains(&r.rc) && r.unidentified.is_empty();
     let recommended = rows.iter().filter(usable).min_by(|a, b| a.aicc.total_cmp(&b.aicc)).unwrap_or(best);
     let mut reasons = vec![akaike(rows, best)];

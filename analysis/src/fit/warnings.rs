@@ -56,6 +56,12 @@ fn parameters(fit: &ErmFit) -> Vec<Parameter> {
     all
 }
 
+/// Names of the parameters that stand at a bound.
+pub(super) fn held_by_bounds(fit: &ErmFit) -> Vec<String> {
+    let held = |p: &Parameter| p.value <= p.bounds.0 * NEAR_BOUND || p.value >= p.bounds.1 / NEAR_BOUND;
+    parameters(fit).into_iter().filter(held).map(|p| p.name).collect()
+}
+
 fn at_bounds(fit: &ErmFit, found: &mut Vec<String>) {
     for Parameter { name, value, bounds: (lo, hi), unit, .. } in parameters(fit) {
         if value <= lo * NEAR_BOUND {

@@ -48,6 +48,9 @@ impl Default for JointOptions {
 /// Why there is no joint fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum JointError {
+    /// Uncertainties that are none.
+    #[error("joint fit: expected a positive definite covariance of the spectra's points, met another")]
+    Covariance,
     /// An order that cannot be.
     #[error("joint fit: expected 1 to {MAX_RC} RC branches, met {met}")]
     Order {
@@ -95,6 +98,9 @@ pub struct JointFit {
     pub covariance: Option<Vec<Vec<f64>>>,
     /// Starts that ended at this minimum, of all.
     pub starts: (usize, usize),
+    /// Parameters that stand at a bound.
+    #[serde(default)]
+    pub held_by_bounds: Vec<String>,
     /// What a user must know.
     pub warnings: Vec<String>,
 }
@@ -114,7 +120,9 @@ pub fn fit_joint(input: &JointInput<'_>, options: &JointOptions) -> Result<Joint
     }
     // Another cell than those of the spectra, on another instrument.
     let spread = input.spectrum.cell_spread.map_or(0.0, |s| s * (1.0 + 1.0 / input.spectrum.cells as f64).sqrt());
-    let likelihood = Likelihood { spectrum: input.spectrum, windows: input.windows, gain_sigma: options.instrument_sigma.hypot(spread) };
+    let factor = input.spectrum.factor().ok_or(JointError::Covariance)?;
+    let gain_sigma = options.instrument_sigma.hypot(spread);
+    let likelihood = Likelihood { spectrum: input.spectrum, factor, windows: input.windows, gain_sigma };
     let bounds = bounds(options);
     let found: Vec<Minimum> = starts(input, options)
         .par_iter()
@@ -125,6 +133,7 @@ pub fn fit_joint(input: &JointInput<'_>, options: &JointOptions) -> Result<Joint
     let best = found.iter().find(|m| m.value <= lowest).ok_or(JointError::TooFew { rc: options.rc, parameters, numbers })?;
     let mut fit = describe(&likelihood, &ordered(&best.x), (&bounds, parameters)).ok_or(JointError::Order { met: options.rc })?;
     fit.starts = (same, found.len());
+    fit.held_by_bounds = held_by_bounds(&fit.erm, options);
     fit.warnings = warnings(&fit, input, (best, options));
     Ok(fit)
 }
@@ -137,14 +146,17 @@ pub fn fit_spectra(spectrum: &PooledSpectrum, options: &JointOptions) -> Result<
     fit_joint(&JointInput { spectrum, windows: &[] }, options)
 }
 
-/// The order of least corrected information criterion (AICc, Hurvich and Tsai, 1989), χ² scaled by the best order's reduced χ² where that exceeds one.
+/// The order of least corrected information criterion (AICc, Hurvich and Tsai, 1989), χ² scaled by the best order's reduced χ² where that exceeds one. An
+/// order with a parameter at a bound is chosen only where every order has one.
 pub fn choose_order(fits: &[JointFit]) -> Option<usize> {
     let scale = fits.iter().map(|f| f.reduced_chi2).fold(f64::INFINITY, f64::min).max(1.0);
     let criterion = |f: &JointFit| {
         let (k, n) = (f.erm.parameter_count() as f64, (f.spectrum_chi2.1 + f.pulses_chi2.1) as f64);
         (f.spectrum_chi2.0 + f.pulses_chi2.0) / scale + 2.0 * k + 2.0 * k * (k + 1.0) / (n - k - 1.0).max(1.0)
     };
-    fits.iter().min_by(|a, b| criterion(a).total_cmp(&criterion(b))).map(|f| f.erm.branches.len())
+    let free: Vec<&JointFit> = fits.iter().filter(|fit| fit.held_by_bounds.is_empty()).collect();
+    let eligible = if free.is_empty() { fits.iter().collect() } else { free };
+    eligible.into_iter().min_by(|a, b| criterion(a).total_cmp(&criterion(b))).map(|f| f.erm.branches.len())
 }
 
 impl JointFit {
@@ -248,9 +260,24 @@ fn describe(likelihood: &Likelihood<'_>, x: &[f64], (bounds, parameters): (&[(f6
         reduced_chi2,
         covariance,
         starts: (0, 0),
+        held_by_bounds: Vec::new(),
         warnings: Vec::new(),
         erm,
     })
+}
+
+/// A value this near to a bound, as a ratio, counts as held by it.
+const NEAR_BOUND: f64 = 1.02;
+
+fn is_near(value: f64, (low, high): (f64, f64)) -> bool {
+    value <= low * NEAR_BOUND || value >= high / NEAR_BOUND
+}
+
+/// Names of the parameters that stand at a bound.
+fn held_by_bounds(erm: &Erm, options: &JointOptions) -> Vec<String> {
+    let branches = erm.branches.iter().flat_map(|b| [(b.r_ohm, options.bounds.r_ohm), (b.c_f, options.bounds.c_f)]);
+    let values = std::iter::once((erm.r_ohm, options.bounds.r_ohm)).chain(branches);
+    erm.parameter_names().into_iter().zip(values).filter(|(_, (value, bounds))| is_near(*value, *bounds)).map(|(name, _)| name).collect()
 }
 
 fn warnings(fit: &JointFit, input: &JointInput<'_>, (best, options): (&Minimum, &JointOptions)) -> Vec<String> {
@@ -265,13 +292,12 @@ fn warnings(fit: &JointFit, input: &JointInput<'_>, (best, options): (&Minimum, 
             fit.reduced_chi2
         ));
     }
-    let near = |v: f64, (lo, hi): (f64, f64)| v <= lo * 1.02 || v >= hi / 1.02;
     let names = fit.erm.parameter_names();
     let sigmas = fit.sigma.branches.iter().flat_map(|b| [b.r_ohm, b.c_f]);
     let values = fit.erm.branches.iter().flat_map(|b| [(b.r_ohm, options.bounds.r_ohm), (b.c_f, options.bounds.c_f)]);
     let all = std::iter::once(((fit.erm.r_ohm, options.bounds.r_ohm), fit.sigma.r_ohm)).chain(values.zip(sigmas));
     for (name, ((value, bounds), sigma)) in names.iter().zip(all) {
-        if near(value, bounds) {
+        if is_near(value, bounds) {
             found.push(format!("{name} is at one of its bounds ({value:.3e})"));
         } else if let Some(relative) = sigma.map(|s| s / value).filter(|r| *r > 0.5) {
             found.push(format!("{name} is not identified by the data: its standard uncertainty is {:.0} %", 100.0 * relative));

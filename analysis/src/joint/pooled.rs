@@ -4,8 +4,9 @@
 //! taken out (with one cell: of the repeats) over their number. The factor's spread does not blur the mean of *these* cells, but says how far
 //! another cell may be from it.
 
+use crate::fit::linalg::cholesky;
 use crate::formats::SourcedSpectrum;
-use crate::spectrum::Covariance2;
+use crate::spectrum::{Covariance2, SharedError};
 use num_complex::Complex64;
 
 /// Relative uncertainty taken per part when nothing tells it.
@@ -39,6 +40,8 @@ pub struct PooledSpectrum {
     pub repeatability: Option<f64>,
     /// Where the uncertainty comes from, in words.
     pub basis: String,
+    /// Errors that the points have in common; their shares are not in the covariances of the points.
+    pub shared: Vec<SharedError>,
 }
 
 /// Why spectra have no mean.
@@ -99,8 +102,41 @@ impl PooledSpectrum {
             cell_spread: (cells.len() > 1).then(|| deviation(&factors)),
             repeatability: (sweeps > cells.len()).then(|| rms(&within) * (sweeps as f64 / (sweeps - cells.len()) as f64).sqrt()),
             basis,
+            shared: shared(spectra, freqs.len()),
         })
     }
+
+    /// Cholesky factor of the covariance of all points, real and imaginary parts in turn, row by row; none where it is no covariance.
+    pub(super) fn factor(&self) -> Option<Vec<f64>> {
+        let n = 2 * self.points.len();
+        let mut covariance = vec![0.0; n * n];
+        for (k, point) in self.points.iter().enumerate() {
+            let (a, b, c) = (2 * k, 2 * k + 1, point.covariance);
+            covariance[a * n + a] = c.re_re;
+            covariance[b * n + b] = c.im_im.max(c.re_im * c.re_im / c.re_re * (1.0 + 1e-6));
+            covariance[a * n + b] = c.re_im;
+            covariance[b * n + a] = c.re_im;
+        }
+        for error in &self.shared {
+            let d: Vec<f64> = error.at_ohm.iter().flat_map(|d| [d.re, d.im]).collect();
+            (0..n * n).for_each(|ij| covariance[ij] += d[ij / n] * d[ij % n]);
+        }
+        cholesky(&mut covariance, n).then_some(covariance)
+    }
+}
+
+/// Errors that sweeps share, at the points of their mean: one that only some of them have counts for its part.
+fn shared(spectra: &[SourcedSpectrum], points: usize) -> Vec<SharedError> {
+    let mut all: Vec<SharedError> = Vec::new();
+    let share = 1.0 / spectra.len() as f64;
+    for error in spectra.iter().flat_map(|s| &s.spectrum.shared) {
+        let place = all.iter().position(|known| known.name == error.name).unwrap_or_else(|| {
+            all.push(SharedError { name: error.name.clone(), at_ohm: vec![Complex64::ZERO; points] });
+            all.len() - 1
+        });
+        all[place].at_ohm.iter_mut().zip(&error.at_ohm).for_each(|(sum, d)| *sum += d * share);
+    }
+    all
 }
 
 struct Pool<'a> {
@@ -127,7 +163,7 @@ impl Pool<'_> {
             return (all, format!("scatter of {sweeps} sweeps within {cells} cell(s)"));
         }
         let stated = |k: usize| {
-            let sum = self.spectra.iter().fold(Covariance2::ZERO, |sum, s| sum + s.spectrum.points[k].covariance);
+            let sum = self.spectra.iter().fold(Covariance2::ZERO, |sum, s| sum + s.spectrum.own_covariance(k));
             shrink(sum.scaled(self.total[k].inv()), 1.0 / (sweeps * sweeps) as f64)
         };
         let all: Vec<Covariance2> = (0..self.total.len()).map(stated).collect();

@@ -14,6 +14,8 @@ pub(super) const EDGE: (f64, f64) = (0.5, 0.288_675_134_594_812_9);
 /// What is made small: χ² of spectra and pulses, and of the priors.
 pub(super) struct Likelihood<'a> {
     pub(super) spectrum: &'a PooledSpectrum,
+    /// Cholesky factor of the covariance of its points.
+    pub(super) factor: Vec<f64>,
     pub(super) windows: &'a [PulseWindow],
     /// Standard deviation of ln g.
     pub(super) gain_sigma: f64,
@@ -26,21 +28,31 @@ impl Likelihood<'_> {
     /// Residuals of the spectrum, two per point.
     pub(super) fn spectral(&self, x: &[f64]) -> Vec<Residual> {
         let Some(erm) = erm(x) else { return Vec::new() };
-        let mut all = Vec::with_capacity(2 * self.spectrum.points.len());
+        let n = 2 * self.spectrum.points.len();
+        let mut values = Vec::with_capacity(n);
+        let mut columns = vec![Vec::with_capacity(n); x.len()];
         for p in &self.spectrum.points {
-            let (z, slopes) = (erm.impedance(p.freq_hz) - p.z_ohm, erm.log_gradient(p.freq_hz));
-            let c = p.covariance;
-            let l11 = c.re_re.sqrt();
-            let l21 = c.re_im / l11;
-            let l22 = (c.im_im - l21 * l21).max(1e-6 * c.im_im).sqrt();
-            let white = |re: f64, im: f64| (re / l11, (im - l21 * re / l11) / l22);
-            let (a, b) = white(z.re, z.im);
-            let pairs: Vec<(f64, f64)> = slopes.iter().map(|s| white(s.re, s.im)).collect();
-            let padded = |pick: fn(&(f64, f64)) -> f64| pairs.iter().map(pick).chain([0.0, 0.0]).collect::<Vec<f64>>();
-            all.push((a, padded(|p| p.0)));
-            all.push((b, padded(|p| p.1)));
+            let z = erm.impedance(p.freq_hz) - p.z_ohm;
+            values.extend([z.re, z.im]);
+            let slopes = erm.log_gradient(p.freq_hz);
+            for (i, column) in columns.iter_mut().enumerate() {
+                let slope = slopes.get(i).copied().unwrap_or_default();
+                column.extend([slope.re, slope.im]);
+            }
         }
-        all
+        self.whiten(&mut values);
+        columns[..x.len() - 2].iter_mut().for_each(|column| self.whiten(column));
+        values.into_iter().enumerate().map(|(k, v)| (v, columns.iter().map(|c| c[k]).collect())).collect()
+    }
+
+    /// Divides by the Cholesky factor of the points' covariance.
+    fn whiten(&self, values: &mut [f64]) {
+        let n = values.len();
+        for i in 0..n {
+            let row = &self.factor[i * n..i * n + i];
+            let known: f64 = row.iter().zip(&values[..i]).map(|(l, v)| l * v).sum();
+            values[i] = (values[i] - known) / self.factor[i * n + i];
+        }
     }
 
     /// Residuals of all pulses, one per bin.

@@ -8,8 +8,9 @@ use super::pooled::{PooledError, PooledSpectrum};
 use super::pulse::{PulseOptions, find_pulses};
 use super::window::{PulseWindow, WindowOptions};
 use crate::formats::SourcedSpectrum;
-use crate::ocv::OcvCurve;
+use crate::ocv::{OcvCurve, REST_SIGMA_V, SLOPE_SHARE};
 use crate::series::TimeSeries;
+use crate::spectrum::OcvSlope;
 use serde::{Deserialize, Serialize};
 
 /// Times after the edge at which pulses are compared, s.
@@ -160,7 +161,12 @@ impl Study {
 /// # Errors
 /// [`StudyError`] for spectra that do not belong together, a series without pulses in the range, or an order that cannot be.
 pub fn study(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Study, PooledSpectrum), StudyError> {
-    let pooled = PooledSpectrum::new(input.spectra)?;
+    let slope = input.curve.charge_slope(options.ocv_window_v.0, REST_SIGMA_V, SLOPE_SHARE);
+    let mut spectra = input.spectra.to_vec();
+    if let Some(slope) = slope {
+        spectra.iter_mut().for_each(|one| one.spectrum = one.spectrum.less_charge_storage(slope));
+    }
+    let pooled = PooledSpectrum::new(&spectra)?;
     let (windows, noise) = windows(input, options)?;
     let role = |w: &PulseWindow| {
         let inside = |w: &&PulseWindow| (w.ocv_v - options.ocv_window_v.0).abs() <= options.ocv_window_v.1;
@@ -204,6 +210,18 @@ pub fn study(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Study, P
     let source = Source { series: input.series, noise: &noise, curve: input.curve };
     study.pulses = pulses(&source, (&windows, &roles), &study);
     study.warnings = warnings(&study);
+    study.warnings.push(match slope {
+        Some(OcvSlope { v_per_c, sigma_v_per_c }) => format!(
+            "the slope of the OCV curve at {:.3} V, {:.2} ± {:.2} µV/C, was taken out of the spectra: the resistances are without charge storage",
+            options.ocv_window_v.0,
+            1e6 * v_per_c,
+            1e6 * sigma_v_per_c
+        ),
+        None => format!(
+            "{:.3} V lies outside the OCV curve: charge storage is left in the spectra, and the DC resistance is an apparent one",
+            options.ocv_window_v.0
+        ),
+    });
     Ok((study, pooled))
 }
 

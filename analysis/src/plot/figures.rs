@@ -80,7 +80,7 @@ pub fn fit_figure(sweeps: &[Spectrum], fit: &ErmFit) -> ImpedancePlot {
     });
     let value = format!("{} = {:.4} {}", symbol(fit), scaled(fit), unit(fit));
     let name = format!("fit with {rc} RC, {value}");
-    let curve = band(sweeps).map(|band| Series::model(&name, &fit.erm, band, 1));
+    let curve = band(sweeps).map(|band| Series::fit(&name, fit, band, 1));
     let series = data.chain(curve).collect();
     let title = format!("Extended Randles model with {rc} RC {}", if rc == 1 { "circuit" } else { "circuits" });
     ImpedancePlot::new(&title, &band_text(sweeps), series)

@@ -25,6 +25,7 @@ pub use drawing::Drawing;
 pub use figures::{FigureInput, fit_figure, sweeps_figure, write_thesis_figures};
 pub use heat::{HeatMap, HeatScale};
 
+use crate::fit::ErmFit;
 use crate::model::Erm;
 use crate::spectrum::{Covariance2, Spectrum};
 use num_complex::Complex64;
@@ -79,6 +80,11 @@ impl Series {
     /// A model as a curve over a band (lowest, highest frequency in Hz, both above zero).
     pub fn model(label: &str, erm: &Erm, band: (f64, f64), colour: usize) -> Self {
         Self::curve(label, band, colour, |freq_hz| erm.impedance(freq_hz))
+    }
+
+    /// A fitted model as a curve over a band, with the share of the open-circuit voltage that was taken out of its data, as [`ErmFit::impedance`].
+    pub fn fit(label: &str, fit: &ErmFit, band: (f64, f64), colour: usize) -> Self {
+        Self::curve(label, band, colour, |freq_hz| fit.impedance(freq_hz))
     }
 
     /// Any impedance in Ω as a curve over a band (lowest, highest frequency in Hz, both above zero).

@@ -59,6 +59,16 @@ impl Spectrum {
         Self { name: name.into(), points, ..Self::default() }
     }
 
+    /// Leaves out the points that are not wanted, and their part of the shared errors.
+    pub fn keep(&mut self, wanted: impl Fn(&ImpedancePoint) -> bool) {
+        let kept: Vec<bool> = self.points.iter().map(wanted).collect();
+        let is_kept = |k: usize| kept.get(k).copied().unwrap_or(false);
+        for error in &mut self.shared {
+            error.at_ohm = error.at_ohm.iter().enumerate().filter(|(k, _)| is_kept(*k)).map(|(_, d)| *d).collect();
+        }
+        self.points = self.points.iter().enumerate().filter(|(k, _)| is_kept(*k)).map(|(_, point)| *point).collect();
+    }
+
     /// The spectrum without the share of the open-circuit voltage. The uncertainty of the slope becomes a shared error. A spectrum that has lost it
     /// already comes back as it is.
     #[must_use]

@@ -41,6 +41,7 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     let orders = orders(&args.rc)?;
     let objective: Objective = args.objective.parse().map_err(|error| Failure::Usage(format!("--{error}")))?;
     let (cells, others) = read(args)?;
+    let slope = super::ocv_slope::Slope::asked(&args.slope, objective)?;
     let groups: Vec<(String, Vec<SourcedSpectrum>)> = if args.pool {
         vec![("pooled".to_owned(), cells)]
     } else {
@@ -48,7 +49,7 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     };
     let fitted = groups
         .into_iter()
-        .map(|(name, sweeps)| fit_group(name, &sweeps, (orders.as_deref(), objective), args))
+        .map(|(name, sweeps)| fit_group(name, &sweeps, &Wanted { orders: orders.as_deref(), objective, slope, args }))
         .collect::<Result<Vec<_>, _>>()?;
     if let Some(folder) = &args.out {
         for group in &fitted {
@@ -59,14 +60,20 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     if args.json { print_json(&fitted) } else { print_text(&fitted, args) }
 }
 
+/// What is wanted of each group.
+struct Wanted<'a> {
+    orders: Option<&'a [usize]>,
+    objective: Objective,
+    slope: super::ocv_slope::Slope,
+    args: &'a FitArgs,
+}
+
 /// All that is wanted of the sweeps of one group; without orders the data choose one.
-fn fit_group(
-    name: String,
-    sweeps: &[SourcedSpectrum],
-    (orders, objective): (Option<&[usize]>, Objective),
-    args: &FitArgs,
-) -> Result<Group, Failure> {
-    let cells = CellSweeps::sort(sweeps);
+fn fit_group(name: String, sweeps: &[SourcedSpectrum], wanted: &Wanted<'_>) -> Result<Group, Failure> {
+    let Wanted { orders, objective, slope, args } = *wanted;
+    let measured: Vec<Spectrum> = sweeps.iter().map(|s| s.spectrum.clone()).collect();
+    let sweeps: Vec<SourcedSpectrum> = sweeps.iter().map(|s| SourcedSpectrum { spectrum: slope.less(&s.spectrum), ..s.clone() }).collect();
+    let cells = CellSweeps::sort(&sweeps);
     let mut more = More::choose(&name, &cells, (orders.is_none(), args.seed))?;
     let chosen: Vec<usize> = more.order_selection.iter().map(|s| s.recommended).collect();
     let spectra: Vec<Spectrum> = sweeps.iter().map(|s| s.spectrum.clone()).collect();
@@ -81,7 +88,7 @@ fn fit_group(
         fits.push(fit);
     }
     more.add(&cells, &spectra, &fits, &args.more)?;
-    Ok(Group { name, spectra, fits, more })
+    Ok(Group { name, spectra: measured, fits, more })
 }
 
 /// The orders asked for; none for `auto`.
@@ -106,7 +113,7 @@ pub(super) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum
     let mut passed_over = Vec::new();
     for file in &args.files {
         for mut sourced in read_sourced(file).map_err(|error| Failure::Usage(error.to_string()))? {
-            sourced.spectrum.points.retain(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
+            sourced.spectrum.keep(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
             if sourced.spectrum.points.is_empty() {
                 let met = format!("none from {} Hz to {} Hz", args.from_hz, args.to_hz);
                 return Err(Failure::Usage(format!("{}: expected frequencies to be fitted, found {met}", file.display())));
@@ -169,6 +176,9 @@ fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
                 present::significant(1.0e3 * fit.erm.r_ohm, 5),
                 present::significant(dc, 5)
             );
+            if let Some(storage) = &fit.charge_storage {
+                say!("        {}", super::ocv_slope::in_words(storage));
+            }
             for branch in &fit.erm.branches {
                 let tau = present::significant(branch.r_ohm * branch.c_f, 4);
                 let (r, c) = (present::significant(1.0e3 * branch.r_ohm, 5), present::significant(branch.c_f, 5));
@@ -251,6 +261,6 @@ pub(super) fn model_curves(spectra: &[Spectrum], fits: &[ErmFit]) -> Vec<Series>
     if low >= high {
         return Vec::new();
     }
-    let curve = |(index, fit): (usize, &ErmFit)| Series::model(&format!("{} RC", fit.erm.branches.len()), &fit.erm, (low, high), index + 1);
+    let curve = |(index, fit): (usize, &ErmFit)| Series::fit(&format!("{} RC", fit.erm.branches.len()), fit, (low, high), index + 1);
     fits.iter().enumerate().map(curve).collect()
 }

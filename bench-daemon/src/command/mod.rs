@@ -16,6 +16,7 @@ pub mod joint;
 pub mod kk;
 pub mod mock;
 pub mod ocv;
+pub mod ocv_slope;
 pub mod pack;
 pub mod pack_simulate;
 pub mod pack_size;

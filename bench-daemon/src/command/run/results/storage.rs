@@ -1,14 +1,12 @@
 //! Charge storage of the cell: the slope of its open-circuit voltage where it rested before each sweep, taken out before models are fitted.
 
-use analysis::{fit::ErmFit, spectrum::Spectrum};
+use analysis::{
+    fit::ErmFit,
+    ocv::{REST_SIGMA_V, SLOPE_SHARE},
+    spectrum::Spectrum,
+};
 
 use crate::{config::Experiment, record::Recorder};
-
-/// Standard deviation of the voltage at rest, V: the voltmeters of the known supplies are stated to a few millivolts (`docs/drivers.md`), and the rest of a
-/// reset ends at a few millivolts of relaxation.
-const REST_SIGMA_V: f64 = 5.0e-3;
-/// Standard deviation of the slope of a curve, as a share, by convention: cells of one make differ by 1 to 2 % in capacity, and a curve is drawn through knots.
-pub(crate) const SLOPE_SHARE: f64 = 0.03;
 
 /// The spectra without the share of the open-circuit voltage; as they are, with a note, where none is known.
 pub(super) fn less_charge_storage(recorder: &mut Recorder, experiment: &Experiment, spectra: Vec<&Spectrum>) -> Vec<Spectrum> {
