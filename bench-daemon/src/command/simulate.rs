@@ -7,17 +7,18 @@ use crate::command::files;
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    fit::ModelFile,
     forward::{
         Beyond, CellWindow, ForwardError, Infeasible, Method, OcvSource, Profile, ScaleBound, SimModel, SimOptions, SimState, Summary,
         write_trace_parquet,
     },
+    given::GivenModel,
     pack::Pack,
 };
 use serde::Serialize;
 
 use crate::command::{
     Failure,
+    model_args::ModelArgs,
     profile_args::{ProfileArgs, taken},
 };
 use crate::terminal::{remark, say};
@@ -30,9 +31,12 @@ Margins are per cell (mean over the cells in series, interconnect left out) and 
 voltages at the terminals. `feasible` says that all power asked for could be had; whether the window was kept, the margins say.
 Power and current count discharge as positive. Each row of a profile holds until the next; the last row only ends it.")]
 pub struct SimulateArgs {
-    /// A model as `fit --out` writes it: model_4rc.json.
-    #[arg(long, value_name = "FILE")]
-    pub model: PathBuf,
+    /// Which model.
+    #[command(flatten)]
+    pub model: ModelArgs,
+    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is wanted.
+    #[arg(long, value_name = "JSON")]
+    pub ocv: Option<PathBuf>,
     /// Two columns, time and power, current or load resistance, with or without header; several for a table over all.
     #[arg(long = "profile", required = true, value_name = "FILE")]
     pub profiles: Vec<PathBuf>,
@@ -45,7 +49,7 @@ pub struct SimulateArgs {
     /// Resistance of busbars, wires and connectors over the whole pack, Ω.
     #[arg(long, default_value_t = 0.0, value_name = "OHM", allow_negative_numbers = true)]
     pub interconnect_ohm: f64,
-    /// State of charge at the start, 0 to 1; needs a model with an OCV curve. This or --ocv-v is needed.
+    /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv. This or --ocv-v is needed.
     #[arg(long, value_name = "X", conflicts_with = "ocv_v", allow_negative_numbers = true)]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; without an OCV curve in the model it stays.
@@ -173,15 +177,15 @@ fn usage(error: impl std::fmt::Display) -> Failure {
     Failure::Usage(error.to_string())
 }
 
-fn model(args: &SimulateArgs) -> Result<(ModelFile, SimModel), Failure> {
-    let name = args.model.display();
-    let file = files::read_model(&args.model)?;
+fn model(args: &SimulateArgs) -> Result<(GivenModel, SimModel), Failure> {
+    let name = args.model.told();
+    let file = args.model.read(args.ocv.as_deref())?;
     let ocv = match (&file.ocv, args.ocv_v) {
         (Some(curve), _) => OcvSource::Curve(curve.clone()),
         (None, Some(ocv_v)) => OcvSource::Constant(ocv_v),
         (None, None) if args.soc.is_none() => return Err(Failure::Usage("expected --soc or --ocv-v, found neither".to_owned())),
         (None, None) => {
-            return Err(Failure::Usage(format!("--soc: expected a model with an OCV curve, {name} has none; give --ocv-v instead")));
+            return Err(Failure::Usage(format!("--soc: expected a model with an OCV curve, {name} has none; give --ocv or --ocv-v")));
         }
     };
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
