@@ -147,8 +147,9 @@ impl Judged {
     pub(super) fn read(data: &Path, named: &ModelArgs, ocv: Option<&Path>) -> Result<Self, Failure> {
         let option = if named.model.is_some() { "--model " } else { "" };
         let fail = |text: &str| Failure::Usage(format!("{option}{}: {text}", named.told()));
-        let file = named.read(ocv)?;
-        let mut curve = file.ocv.clone();
+        let file = named.read(None)?;
+        let given = ocv.map(files::read_curve).transpose()?;
+        let mut curve = given.or_else(|| file.ocv.clone());
         if curve.is_none() && data.join(JOURNAL).is_file() {
             curve = Recorded::read(data)?.ocv().cloned();
         }

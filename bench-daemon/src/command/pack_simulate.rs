@@ -214,7 +214,9 @@ fn start(args: &PackSimulateArgs, model: &GivenModel) -> Result<(OcvSource, f64)
             Ok((OcvSource::Curve(curve.clone()), soc))
         }
         (None, None, Some(ocv_v)) if ocv_v.is_finite() && ocv_v > 0.0 => Ok((OcvSource::Constant(ocv_v), 0.5)),
-        (None, Some(_), _) => Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv or --ocv-v", args.model.told()))),
+        (None, Some(_), _) => {
+            Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv-v, or a curve with --ocv", args.model.told())))
+        }
         _ => Err(Failure::Usage("--ocv-v: expected a voltage above 0 V".to_owned())),
     }
 }

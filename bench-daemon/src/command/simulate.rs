@@ -185,7 +185,9 @@ fn model(args: &SimulateArgs) -> Result<(GivenModel, SimModel), Failure> {
         (None, Some(ocv_v)) => OcvSource::Constant(ocv_v),
         (None, None) if args.soc.is_none() => return Err(Failure::Usage("expected --soc or --ocv-v, found neither".to_owned())),
         (None, None) => {
-            return Err(Failure::Usage(format!("--soc: expected a model with an OCV curve, {name} has none; give --ocv or --ocv-v")));
+            return Err(Failure::Usage(format!(
+                "--soc: expected a model with an OCV curve, {name} has none; give --ocv-v instead, or a curve with --ocv"
+            )));
         }
     };
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;

@@ -108,7 +108,7 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
         (None, Some(text), Some(curve)) => {
             (OcvSource::Curve(curve.clone()), numbers(text).map_err(|error| Failure::Usage(format!("--soc: {error}")))?)
         }
-        _ => return Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv or --ocv-v", args.model.told()))),
+        _ => return Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv-v, or a curve with --ocv", args.model.told()))),
     };
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(|error| usage(&error))?;
     let model = files::sim_model(&file, ocv, pack)?;

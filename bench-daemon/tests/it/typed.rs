@@ -101,12 +101,15 @@ fn a_typed_model_gets_its_voltage_from_a_curve_or_says_that_it_lacks_one() {
     // 1000 As of 4.5 Ah move 1.2 V per unit of charge by 74 mV.
     near(&found["min_ccv_v"], 3.6 - 0.1337 - 1.2 * 1000.0 / 16_200.0, 5e-4);
     let text = refused(folder.path(), &[&["simulate"], &base[..], &["--soc", "0.5"]].concat());
-    assert!(text.contains("--soc: expected a model with an OCV curve, --erm has none; give --ocv or --ocv-v"), "{text}");
+    assert!(
+        text.contains("--soc: expected a model with an OCV curve, --erm has none; give --ocv-v instead, or a curve with --ocv"),
+        "{text}"
+    );
     let text = refused(folder.path(), &["sop", "--model", "plain.json", "--soc", "0.5"]);
-    assert!(text.contains("--soc: plain.json holds no OCV curve; give --ocv or --ocv-v"), "{text}");
+    assert!(text.contains("--soc: plain.json holds no OCV curve; give --ocv-v, or a curve with --ocv"), "{text}");
     let pack = ["pack", "simulate", "--series", "2", "--parallel", "2"];
     let text = refused(folder.path(), &[&pack[..], &base[..], &["--soc", "0.5"]].concat());
-    assert!(text.contains("--soc: --erm holds no OCV curve; give --ocv or --ocv-v"), "{text}");
+    assert!(text.contains("--soc: --erm holds no OCV curve; give --ocv-v, or a curve with --ocv"), "{text}");
     let data = folder.path().join("data");
     fs::create_dir(&data).unwrap();
     let text = refused(folder.path(), &["diagnose", "data", "--erm", ERM]);
@@ -205,7 +208,7 @@ fn a_circuit_without_dc_resistance_says_so_everywhere() {
     assert!(text.contains("warburg.json: expected a model with a DC resistance, met a circuit without one; give --dcir-ohm"), "{text}");
     // Another band moves the horizon.
     let slow = ["simulate", "--model", "warburg.json", "--ladder-band-hz", "1e-5,1e4", "--profile", "pulse.csv", "--ocv-v", "3.72"];
-    assert!(done(folder.path(), &slow).contains("longer than 15900 s"));
+    assert!(done(folder.path(), &slow).contains("longer than 15915 s"));
     let text = refused(folder.path(), &["simulate", "--erm", ERM, "--ladder-band-hz", "1,2", "--profile", "pulse.csv", "--ocv-v", "3.72"]);
     assert!(text.contains("--ladder-band-hz: expected a fitted circuit to follow, met --erm"), "{text}");
 }
@@ -237,17 +240,20 @@ fn diagnose_takes_a_model_in_each_way_and_repeats_it() {
     let typed = branches.iter().fold(format!("{} Ω", erm["r_ohm"]), |text, b| format!("{text}; {} Ω, {} F", b["r_ohm"], b["c_f"]));
     let values: Vec<f64> =
         std::iter::once(&erm["r_ohm"]).chain(branches.iter().flat_map(|b| [&b["r_ohm"], &b["c_f"]])).map(|v| v.as_f64().unwrap()).collect();
-    let circuit = serde_json::json!({"fits": [{"circuit": "R0-p(R1,C1)-p(R2,C2)-p(R3,C3)", "values": values, "band_hz": [0.1, 300.0]}]});
+    // A Zarc whose exponent is 1 is the third branch, found by the ladder.
+    let mut values = values;
+    let last = values.len() - 2;
+    values[last + 1] *= values[last];
+    values.push(1.0);
+    let circuit = serde_json::json!({"fits": [{"circuit": "R0-p(R1,C1)-p(R2,C2)-Zarc3", "values": values, "band_hz": [0.1, 300.0]}]});
     fs::write(folder.path().join("circuit.json"), circuit.to_string()).unwrap();
     let base = answer(folder.path(), &["diagnose", "data", "--model", "model.json"]);
-    for (way, names) in
-        [(["--erm", &typed], "typed"), (["--model", "plain.json"], "plain.json"), (["--model", "circuit.json"], "circuit.json")]
-    {
-        let given = ["diagnose", "data", way[0], way[1], "--ocv", "ocv.json", "--out", names];
+    for (way, out) in [(["--erm", &typed], "out1"), (["--model", "plain.json"], "out2"), (["--model", "circuit.json"], "out3")] {
+        let given = ["diagnose", "data", way[0], way[1], "--ocv", "ocv.json", "--out", out];
         let found = answer(folder.path(), &given);
-        assert_eq!(found["verdict"], base["verdict"], "{names}");
+        assert_eq!(found["verdict"], base["verdict"], "{out}");
         assert!(found["notes"].to_string().contains("no uncertainty"), "{}", found["notes"]);
-        let page = fs::read_to_string(folder.path().join(names).join("diagnosis.html")).unwrap();
-        assert!(page.contains(&format!("eis-bench diagnose data {} ", way[0])), "{names}");
+        let page = fs::read_to_string(folder.path().join(out).join("diagnosis.html")).unwrap();
+        assert!(page.contains(&format!("eis-bench diagnose data {} ", way[0])), "{out}");
     }
 }

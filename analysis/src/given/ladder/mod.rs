@@ -219,10 +219,10 @@ impl Ladder {
         let ladder_ohm = erm.dc_resistance_ohm();
         match (self.dc_resistance_ohm, self.horizon_s) {
             (None, Some(horizon_s)) => notes.push(format!(
-                "the circuit has no DC resistance: it grows as long as a current flows. The ladder's, {} mΩ, is that of its slowest branch; what flows one way for \
-                 longer than {} s meets too little resistance",
-                brief(1e3 * ladder_ohm, 4),
-                brief(horizon_s, 3)
+                "the circuit has no DC resistance: it grows as long as a current flows. What flows one way for longer than {} s meets too little; the \
+                 ladder's DC resistance, {} mΩ, is its slowest branch's doing, and simple IR with it compares with nothing",
+                brief(horizon_s, 3),
+                brief(1e3 * ladder_ohm, 4)
             )),
             (Some(dc_ohm), _) if (ladder_ohm / dc_ohm - 1.0).abs() > SAME_DC => notes.push(format!(
                 "DC resistance of the ladder {} mΩ, of the circuit {} mΩ: the rest lies below the band",
