@@ -231,7 +231,21 @@ impl Ladder {
             )),
             _ => {}
         }
+        notes.extend(self.slow_note(erm));
         notes
+    }
+
+    /// What of the DC resistance is slower than the slowest point of the data shows.
+    fn slow_note(&self, erm: &Erm) -> Option<String> {
+        let slowest_s = 1.0 / (TAU * self.data_band_hz?.0);
+        let slow_ohm: f64 = erm.branches.iter().filter(|branch| branch.time_constant_s() > slowest_s).map(|branch| branch.r_ohm).sum();
+        let dc_ohm = self.dc_resistance_ohm.filter(|dc_ohm| slow_ohm > SAME_DC * dc_ohm)?;
+        Some(format!(
+            "of the DC resistance of {} mΩ, {} mΩ lie in time constants beyond {} s, the slowest that the data reach: there the circuit extrapolates",
+            brief(1e3 * dc_ohm, 4),
+            brief(1e3 * slow_ohm, 3),
+            brief(slowest_s, 3)
+        ))
     }
 
     fn error_note(&self, erm: &Erm) -> String {

@@ -65,6 +65,14 @@ fn a_depressed_arc_is_followed() {
     assert!((met.ladder.dc_resistance_ohm.unwrap() - 0.015).abs() < 1e-15 && met.ladder.horizon_s.is_none());
     let notes = met.ladder.notes(&met.erm);
     assert!(notes.len() == 1 && notes[0].contains("from 1 mHz to 100 kHz (data 10 mHz to 10 kHz)"), "{notes:?}");
+    // An arc of which the data, down to 1 Hz, show the fast half.
+    let bands = Bands { data_hz: Some((1.0, 1e3)), asked_hz: None };
+    let met = follow(&"R0-Zarc1".parse().unwrap(), &[0.01, 0.005, 0.3, 0.9], bands).unwrap();
+    let notes = met.ladder.notes(&met.erm).join("\n");
+    assert!(
+        notes.contains("of the DC resistance of 15 mΩ, ") && notes.contains("beyond 0.159 s, the slowest that the data reach"),
+        "{notes}"
+    );
 }
 
 #[test]
