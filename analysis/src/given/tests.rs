@@ -64,3 +64,20 @@ fn a_circuit_of_rc_carries_its_uncertainty_and_a_ladder_says_that_it_has_none() 
     // What is written is read again, with the ladder's error.
     assert_eq!(read(&ladder.to_json().unwrap()), ladder);
 }
+
+#[test]
+fn additions_to_a_typed_model_are_written_and_read_again() {
+    let text = r#"{"r_ohm": 0.01, "branches": [], "ocv": {"capacity_ah": 4.5, "soc": [0, 1], "ocv_v": [3.0, 4.2], "slope_v": [1.2, 1.2]},
+        "facts": {"lowest_hz": 0.1, "highest_hz": 300, "longest_s": 60, "shortest_s": 0.1, "greatest_a": 40, "widest_soc": 0.1, "soc": 0.5,
+            "temperature_c": 25, "orders": 0, "span_s": 0},
+        "additions": [{"name": "current_gain", "title": "gain error", "group": "bench", "data_set": "d", "added_by": "a",
+            "parameters": [{"name": "gain", "value": 0.02, "sigma": null, "unit": ""}],
+            "evidence": {"text": "a test", "lambda": 100, "score": 90, "held_out_gap_before_v": null, "held_out_gap_after_v": null}}]}"#;
+    let found = read(text);
+    assert!(found.augmented().unwrap().is_some());
+    let circuit = read(r#"{"circuit": "R0-p(R1,CPE1)", "values": [0.01, 0.002, 5, 0.8], "band_hz": [0.1, 1000]}"#);
+    let base = circuit.clone().with_ocv(found.ocv.clone());
+    let augmented = base.with_additions(circuit.erm.clone(), found.facts.unwrap(), found.additions.clone());
+    assert!(augmented.ladder.is_none(), "a base that was refitted follows the circuit no more");
+    assert_eq!(read(&augmented.to_json().unwrap()), augmented);
+}

@@ -24,6 +24,9 @@ use crate::command::{
 use crate::terminal::{remark, say};
 use case::{Case, Parameter};
 
+/// Most steps of explicit Euler: six hours of the thesis' 4-RC model, whose shortest time constant of 0.83 ms makes steps of 0.21 ms.
+const MOST_EULER_STEPS: f64 = 1e8;
+
 /// Arguments of `simulate`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -157,6 +160,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
     let mut cases = Vec::new();
     for path in &args.profiles {
         let profile = Profile::read(path, &args.read.options()).map_err(usage)?;
+        check_euler(args, &model, &profile)?;
         let options = options(args, &profile, window);
         let case = Case::run((&file, &model, &state), profile, (options, args.dcir_ohm)).map_err(|error| match error {
             ForwardError::Unstable { .. } => Failure::Usage(format!("--step-s: {error}")),
@@ -225,6 +229,19 @@ fn options(args: &SimulateArgs, profile: &Profile, window: CellWindow) -> SimOpt
     };
     let max_step_s = args.step_s.unwrap_or_else(|| profile.duration_s() / 2000.0);
     SimOptions { method, beyond, window, max_step_s, thesis_step_s: args.step_s, ..SimOptions::default() }
+}
+
+/// Explicit Euler steps by a quarter of the shortest time constant, which for a circuit's ladder lies far below the profile's own times.
+fn check_euler(args: &SimulateArgs, model: &SimModel, profile: &Profile) -> Result<(), Failure> {
+    let shortest_s = model.erm.time_constants_s().into_iter().fold(f64::INFINITY, f64::min);
+    let steps = 4.0 * profile.duration_s() / shortest_s;
+    if !matches!(args.method, Steps::Thesis) || args.step_s.is_some() || steps <= MOST_EULER_STEPS {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "--method thesis: expected at most {MOST_EULER_STEPS:e} steps of a quarter of the shortest time constant, met {steps:.1e}, for that is {shortest_s:.1e} s; \
+         take --method exact"
+    )))
 }
 
 /// Two profiles of one name from different folders must not share a trace.

@@ -209,6 +209,9 @@ fn a_circuit_without_dc_resistance_says_so_everywhere() {
     // Another band moves the horizon.
     let slow = ["simulate", "--model", "warburg.json", "--ladder-band-hz", "1e-5,1e4", "--profile", "pulse.csv", "--ocv-v", "3.72"];
     assert!(done(folder.path(), &slow).contains("longer than 15915 s"));
+    let euler = ["simulate", "--model", "warburg.json", "--profile", "hour.csv", "--ocv-v", "3.72", "--method", "thesis"];
+    fs::write(folder.path().join("hour.csv"), "0,1\n3600,0\n").unwrap();
+    assert!(refused(folder.path(), &euler).contains("--method thesis: expected at most 1e8 steps"));
     let text = refused(folder.path(), &["simulate", "--erm", ERM, "--ladder-band-hz", "1,2", "--profile", "pulse.csv", "--ocv-v", "3.72"]);
     assert!(text.contains("--ladder-band-hz: expected a fitted circuit to follow, met --erm"), "{text}");
 }
