@@ -77,7 +77,7 @@ fn additions_to_a_typed_model_are_written_and_read_again() {
     assert!(found.augmented().unwrap().is_some());
     let circuit = read(r#"{"circuit": "R0-p(R1,CPE1)", "values": [0.01, 0.002, 5, 0.8], "band_hz": [0.1, 1000]}"#);
     let base = circuit.clone().with_ocv(found.ocv.clone());
-    let augmented = base.with_additions(circuit.erm.clone(), found.facts.unwrap(), found.additions.clone());
+    let augmented = base.with_additions(circuit.erm, found.facts.unwrap(), found.additions);
     assert!(augmented.ladder.is_none(), "a base that was refitted follows the circuit no more");
     assert_eq!(read(&augmented.to_json().unwrap()), augmented);
 }

@@ -19,7 +19,7 @@ struct Squares<'a> {
 }
 
 /// The same ladder at the bottom of its basin.
-pub(super) fn polish(rows: &Rows, met: Met) -> Met {
+pub(super) fn polish(rows: &Rows, met: &Met) -> Met {
     let largest = rows.scale_ohm.iter().copied().fold(0.0, f64::max);
     let least = NOTHING * largest;
     let stores = met.elastance_per_f > 0.0;
@@ -46,7 +46,8 @@ pub(super) fn polish(rows: &Rows, met: Met) -> Met {
         r_ohm: head[0].exp(),
         elastance_per_f: if stores { head[1].exp() } else { 0.0 },
         branches: pairs.chunks_exact(2).map(branch).filter(|b| b.r_ohm > 2.0 * least).collect(),
-        ..met
+        worst: met.worst,
+        worst_omega: met.worst_omega,
     }
 }
 

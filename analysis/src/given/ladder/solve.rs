@@ -79,11 +79,11 @@ impl Problem<'_> {
         let tau_s = spaced(rows.tau_s, density);
         let plain = self.solve(&rows, &tau_s)?;
         if !self.stores {
-            return Some(self.judged(polish(&rows, plain)));
+            return Some(self.judged(polish(&rows, &plain)));
         }
         // What the capacitance makes of |Z| must not hide the error of the rest.
         let rows = self.rows(plain.elastance_per_f);
-        Some(self.judged(polish(&rows, self.solve(&rows, &tau_s)?)))
+        Some(self.judged(polish(&rows, &self.solve(&rows, &tau_s)?)))
     }
 
     /// |Z| without the capacitance.
