@@ -5,7 +5,7 @@
 //! Randles model (ERM) and circuits in general, [`fit`] finds their parameters, [`drt`] shows their time constants, [`ocv`] is the voltage at rest,
 //! [`multisine`] measures many frequencies in one record,
 //! [`joint`] fits the model to spectra and pulses of a [`series`] together, [`pack`] maps a cell to an SxP pack, [`forward`] simulates a cell or a
-//! pack under a load, [`sop`] finds the most power that can be held; [`thinning`] averages frames of direct currents; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures, [`brief`] the numbers in words.
+//! pack under a load, [`sop`] finds the most power that can be held; [`given`] is a cell's model from whatever it was given as, fitted circuits as ladders of RC too; [`thinning`] averages frames of direct currents; [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures, [`brief`] the numbers in words.
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 
@@ -20,6 +20,7 @@ pub mod effects;
 pub mod fit;
 pub mod formats;
 pub mod forward;
+pub mod given;
 pub mod joint;
 pub mod model;
 pub mod multisine;

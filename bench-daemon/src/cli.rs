@@ -37,6 +37,9 @@ Examples:
     eis-bench kk SPECTRUM.csv --drt --out FOLDER
   Run a load profile through a pack of the fitted cells:
     eis-bench simulate --model FOLDER/model_4rc.json --profile POWER.csv --series 16 --parallel 3 --ocv-v 3.72
+  The same with the numbers of a paper, or with a fitted circuit:
+    eis-bench simulate --erm \"6.43 mΩ; 1.51 mΩ, 0.553 F; 4.77 mΩ, 1.084 kF\" --profile POWER.csv --ocv-v 3.72
+    eis-bench simulate --model FOLDER/circuit.json --profile POWER.csv --ocv-v 3.72
   Open-circuit voltage from a slow discharge:
     eis-bench ocv DISCHARGE.csv --out FOLDER
   The model from spectra and pulses together:

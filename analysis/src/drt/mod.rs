@@ -9,7 +9,7 @@
 //! Inductive and diffusive ends have elements of their own, so that they do not come out as peaks. Knows no fit; [`start_values`] serves one.
 
 mod design;
-mod nonnegative;
+pub(crate) mod nonnegative;
 mod peaks;
 mod solve;
 mod start;

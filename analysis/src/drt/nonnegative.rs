@@ -9,16 +9,16 @@ const MOST_ROUNDS: usize = 400;
 
 /// A minimiser and which unknowns are free.
 #[derive(Debug, Clone)]
-pub(super) struct Solution {
-    pub(super) x: DVector<f64>,
+pub(crate) struct Solution {
+    pub(crate) x: DVector<f64>,
     /// Indices of the unknowns above zero.
-    pub(super) free: Vec<usize>,
+    pub(crate) free: Vec<usize>,
     /// Factor of the matrix restricted to them.
-    pub(super) factor: Cholesky<f64, Dyn>,
+    pub(crate) factor: Cholesky<f64, Dyn>,
 }
 
 /// Minimises ½xᵀKx − cᵀx under x ≥ 0, beginning with a guess of the free unknowns; none if K is too near to singular.
-pub(super) fn solve(k: &DMatrix<f64>, c: &DVector<f64>, guess: &[usize]) -> Option<Solution> {
+pub(crate) fn solve(k: &DMatrix<f64>, c: &DVector<f64>, guess: &[usize]) -> Option<Solution> {
     let n = c.len();
     let mut is_free = vec![false; n];
     guess.iter().for_each(|i| is_free[*i] = true);

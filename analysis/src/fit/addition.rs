@@ -4,6 +4,8 @@ use super::json::JsonError;
 use super::json::ModelFile;
 use crate::augmented::{Augmented, Kept};
 use crate::effects::{Base, Facts, Group, Scale, find};
+use crate::model::Erm;
+use crate::ocv::OcvCurve;
 use serde::{Deserialize, Serialize};
 
 /// An effect that was added to the model.
@@ -62,21 +64,13 @@ impl ModelFile {
     /// # Errors
     /// [`JsonError`] for additions that lack an OCV curve or the facts of their data, or that the catalogue does not know as they are.
     pub fn augmented(&self) -> Result<Option<Augmented>, JsonError> {
-        if self.additions.is_empty() {
-            return Ok(None);
-        }
-        let lacks = |what| JsonError::AdditionsLack { what };
-        let ocv = self.ocv.clone().ok_or(lacks("ocv, the OCV curve of the model"))?;
-        let facts = self.facts.ok_or(lacks("facts, what the data of the additions reach"))?;
-        let base = Base { erm: self.fit.erm.clone(), ocv, facts };
-        let kept = self.additions.iter().map(|a| a.kept(&base)).collect::<Result<_, _>>()?;
-        Ok(Some(Augmented { base, kept }))
+        augmented(&self.fit.erm, self.ocv.as_ref(), self.facts, &self.additions)
     }
 
     /// The file with additions to a base that was refitted together with them. What the first fit knew of its uncertainty, and its pack, belong to
     /// another base and go.
     #[must_use]
-    pub fn with_additions(mut self, erm: crate::model::Erm, facts: Facts, additions: Vec<Addition>) -> Self {
+    pub fn with_additions(mut self, erm: Erm, facts: Facts, additions: Vec<Addition>) -> Self {
         self.schema_version = super::json::MODEL_SCHEMA_VERSION;
         self.rc = erm.branches.len();
         self.dc_resistance_ohm = erm.dc_resistance_ohm();
@@ -89,6 +83,27 @@ impl ModelFile {
         (self.facts, self.additions) = (Some(facts), additions);
         self
     }
+}
+
+/// Base and additions; none without additions.
+///
+/// # Errors
+/// As [`ModelFile::augmented`].
+pub(crate) fn augmented(
+    erm: &Erm,
+    ocv: Option<&OcvCurve>,
+    facts: Option<Facts>,
+    additions: &[Addition],
+) -> Result<Option<Augmented>, JsonError> {
+    if additions.is_empty() {
+        return Ok(None);
+    }
+    let lacks = |what| JsonError::AdditionsLack { what };
+    let ocv = ocv.cloned().ok_or(lacks("ocv, the OCV curve of the model"))?;
+    let facts = facts.ok_or(lacks("facts, what the data of the additions reach"))?;
+    let base = Base { erm: erm.clone(), ocv, facts };
+    let kept = additions.iter().map(|a| a.kept(&base)).collect::<Result<_, _>>()?;
+    Ok(Some(Augmented { base, kept }))
 }
 
 impl Addition {

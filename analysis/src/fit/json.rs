@@ -188,7 +188,10 @@ impl ModelFile {
         let Some(rows) = &self.fit.log_covariance else { return Ok(()) };
         match rows.iter().map(Vec::len).find(|columns| *columns != parameters) {
             None if rows.len() == parameters => Ok(()),
-            columns => Err(JsonError::Covariance { parameters, rows: rows.len(), columns: columns.unwrap_or(parameters) }),
+            columns => {
+                let (field, columns) = ("fit.log_covariance", columns.unwrap_or(parameters));
+                Err(JsonError::Covariance { field, parameters, rows: rows.len(), columns })
+            }
         }
     }
 
@@ -256,9 +259,11 @@ pub enum JsonError {
     },
     /// A covariance of other parameters.
     #[error(
-        "model file: fit.log_covariance: expected {parameters} rows and columns for as many parameters, met {rows} rows, one of {columns} columns"
+        "model file: {field}: expected {parameters} rows and columns for as many parameters, met {rows} rows, one of {columns} columns"
     )]
     Covariance {
+        /// Name of the field.
+        field: &'static str,
         /// Parameters of the model.
         parameters: usize,
         /// Rows met.

@@ -33,6 +33,7 @@ mod verdict;
 mod warnings;
 mod whiteness;
 
+pub(crate) use addition::augmented;
 pub use addition::{Addition, AdditionEvidence, AdditionParameter};
 pub use cells::{CellSweeps, Components, FrequencySpread, components, frequency_spread};
 pub use circuit::{CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit, fit_circuit_cells};

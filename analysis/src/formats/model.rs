@@ -5,8 +5,8 @@
 
 use std::fmt::Write as _;
 
-use crate::fit::ModelFile;
-use crate::model::Erm;
+use crate::given::GivenModel;
+use crate::model::{Erm, RcBranch};
 use crate::ocv::OcvCurve;
 
 /// Points of the curve where a program interpolates straight between them.
@@ -34,6 +34,8 @@ pub struct CellModel {
     /// Least and greatest voltage, V.
     window_v: (f64, f64),
     temperature_c: f64,
+    /// What the model does not tell, in sentences.
+    notes: Vec<String>,
 }
 
 /// Why a model cannot be written for another program.
@@ -58,37 +60,43 @@ pub enum ModelExportError {
 }
 
 impl CellModel {
-    /// The model of a file. `curve` takes the place of the file's own open-circuit voltage; `window_v`: the cell's limits; `temperature_c`: where it was measured.
+    /// A model with its open-circuit voltage. `window_v`: the cell's limits; `temperature_c`: where it was measured.
     ///
     /// # Errors
     /// [`ModelExportError`].
-    pub fn new(file: &ModelFile, curve: Option<OcvCurve>, window_v: (f64, f64), temperature_c: f64) -> Result<Self, ModelExportError> {
+    pub fn new(file: &GivenModel, window_v: (f64, f64), temperature_c: f64) -> Result<Self, ModelExportError> {
         let name = file.name.clone();
         if !file.additions.is_empty() {
             let additions = file.additions.iter().map(|addition| addition.title.as_str()).collect::<Vec<_>>().join("; ");
             return Err(ModelExportError::Additions { name, additions });
         }
-        let curve = curve.or_else(|| file.ocv.clone()).ok_or(ModelExportError::NoOcv { name: name.clone() })?;
-        Ok(Self { name, erm: file.fit.erm.clone(), curve, window_v, temperature_c })
+        let curve = file.ocv.clone().ok_or(ModelExportError::NoOcv { name: name.clone() })?;
+        Ok(Self { name, erm: file.erm.clone(), curve, window_v, temperature_c, notes: file.notes() })
     }
 
     /// The text of the file.
     pub fn text(&self, format: ModelFormat) -> String {
         let (template, comment) = match format {
-            ModelFormat::CHeader => (C_HEADER, ""),
-            ModelFormat::PyBamm => (PYBAMM, "# "),
-            ModelFormat::CasAdi => (CASADI, "# "),
+            ModelFormat::CHeader => (C_HEADER, " *"),
+            ModelFormat::PyBamm => (PYBAMM, "#"),
+            ModelFormat::CasAdi => (CASADI, "#"),
         };
         let list = |values: &mut dyn Iterator<Item = f64>| rows(values, if format == ModelFormat::CHeader { "    " } else { "        " });
         let erm = &self.erm;
+        // Without branches the array of the C header still has its one element, which no loop reaches; Python's list is empty.
+        let none = if format == ModelFormat::CHeader { "    0.0" } else { "" };
+        let branches = |of: &dyn Fn(&RcBranch) -> f64| match erm.branches.is_empty() {
+            true => none.to_owned(),
+            false => list(&mut erm.branches.iter().map(of)) + if format == ModelFormat::CHeader { "" } else { "," },
+        };
         let mut dense = (0..=DENSE).map(|k| f64::from(k) / f64::from(DENSE));
         let pairs = [
-            ("@NAME@", self.name.replace(['\n', '\r', '"', '\\', '*'], " ")),
-            ("@COMMENT@", comment.to_owned()),
+            ("@NAME@", harmless(&self.name)),
+            ("@NOTES@", self.notes.iter().map(|note| format!("{comment} note: {}\n", harmless(note))).collect()),
             ("@RC@", erm.branches.len().to_string()),
             ("@R_OHM@", format!("{:?}", erm.r_ohm)),
-            ("@BRANCH_R_OHM@", list(&mut erm.branches.iter().map(|branch| branch.r_ohm))),
-            ("@BRANCH_C_F@", list(&mut erm.branches.iter().map(|branch| branch.c_f))),
+            ("@BRANCH_R_OHM@", branches(&|branch| branch.r_ohm)),
+            ("@BRANCH_C_F@", branches(&|branch| branch.c_f)),
             ("@CAPACITY_C@", format!("{:?}", 3600.0 * self.curve.capacity_ah)),
             ("@CAPACITY_AH@", format!("{:?}", self.curve.capacity_ah)),
             ("@KNOTS@", self.curve.soc.len().to_string()),
@@ -116,6 +124,11 @@ impl CellModel {
     }
 }
 
+/// A text without what ends a comment or a string.
+fn harmless(text: &str) -> String {
+    text.replace(['\n', '\r', '"', '\\', '*'], " ")
+}
+
 /// Numbers with commas, some to a line.
 fn rows(values: &mut dyn Iterator<Item = f64>, indent: &str) -> String {
     let values: Vec<String> = values.map(|value| format!("{value:?}")).collect();
@@ -127,20 +140,22 @@ const C_HEADER: &str = r#"/* Model of a lithium-ion cell: @NAME@
  *
  * A series resistance, RC branches, and the open-circuit voltage over the state of charge. Currents in A are positive for discharge, times in s,
  * voltages in V. eis_step() is exact for a current that is constant over the step. No memory is allocated and no state is kept here. C99; link with -lm.
- */
+@NOTES@ */
 #ifndef EIS_BENCH_MODEL_H
 #define EIS_BENCH_MODEL_H
 
 #include <math.h>
 
 #define EIS_RC @RC@
+/* An array in C has at least one element. */
+#define EIS_RC_SIZE (EIS_RC > 0 ? EIS_RC : 1)
 #define EIS_KNOTS @KNOTS@
 
 static const double eis_r_ohm = @R_OHM@;
-static const double eis_branch_r_ohm[EIS_RC] = {
+static const double eis_branch_r_ohm[EIS_RC_SIZE] = {
 @BRANCH_R_OHM@
 };
-static const double eis_branch_c_f[EIS_RC] = {
+static const double eis_branch_c_f[EIS_RC_SIZE] = {
 @BRANCH_C_F@
 };
 static const double eis_capacity_c = @CAPACITY_C@;
@@ -159,7 +174,7 @@ static const double eis_knot_slope_v[EIS_KNOTS] = {
 
 typedef struct {
     double soc;
-    double branch_v[EIS_RC];
+    double branch_v[EIS_RC_SIZE];
 } eis_state;
 
 /* A cell at rest. */
@@ -222,7 +237,7 @@ const PYBAMM: &str = r#"# Parameters of a lithium-ion cell for PyBaMM: @NAME@
 #   values = pybamm.ParameterValues(get_parameter_values())
 #
 # Isothermal: the thermal parameters keep the cell where it is.
-import pybamm
+@NOTES@import pybamm
 
 SOC = [k / @DENSE@ for k in range(@DENSE@ + 1)]
 OCV_V = [
@@ -261,14 +276,14 @@ def get_parameter_values():
 const CASADI: &str = r#"# Model of a lithium-ion cell for trajectory optimisation with CasADi: @NAME@
 #
 # Currents in A are positive for discharge, times in s, voltages in V. The state is (state of charge, voltages over the RC branches).
-import casadi
+@NOTES@import casadi
 
 R_OHM = @R_OHM@
 BRANCH_R_OHM = [
-@BRANCH_R_OHM@,
+@BRANCH_R_OHM@
 ]
 BRANCH_C_F = [
-@BRANCH_C_F@,
+@BRANCH_C_F@
 ]
 CAPACITY_C = @CAPACITY_C@
 LEAST_V, GREATEST_V = @LOW_V@, @HIGH_V@

@@ -4,17 +4,20 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     dataset,
-    fit::ModelFile,
     formats::{
         SeriesOptions, SpectrumFormat, bdf_text,
         model::{CellModel, ModelFormat},
         read_series, read_spectra, spectrum_text, write_bdf_parquet,
     },
+    given::GivenModel,
     ocv::OcvCurve,
 };
 use clap::Args;
 
-use super::{Failure, files};
+use super::{
+    Failure, files,
+    model_args::{self, ModelArgs, TYPED},
+};
 use crate::{record::RecordError, terminal::say};
 
 /// Half the slope of a curve that stands for a constant voltage, V: knots must rise.
@@ -24,8 +27,14 @@ const FLAT_V: f64 = 1.0e-9;
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
     /// Spectra, time series or models, the format told by the content.
-    #[arg(required = true, value_name = "FILE")]
+    #[arg(required_unless_present = "erm", value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    /// Instead of files, a model typed: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms". It is written as `typed`.
+    #[arg(long, value_name = "TEXT", conflicts_with = "files")]
+    pub erm: Option<String>,
+    /// For circuit.json: lowest and highest frequency, Hz, at which RC branches follow it [default: the band of its data, a decade more on each side]
+    #[arg(long, value_name = "LOW,HIGH")]
+    pub ladder_band_hz: Option<String>,
     /// What to write.
     #[arg(long, value_enum)]
     pub to: To,
@@ -75,6 +84,8 @@ pub enum To {
     Pybamm,
     /// A model as a CasADi function of one step.
     Casadi,
+    /// A model as the project's JSON: a circuit as its ladder, a typed model as a file.
+    Model,
 }
 
 /// Converts files.
@@ -82,6 +93,14 @@ pub enum To {
 /// # Errors
 /// A file that is not what `--to` needs; a goal that is there already.
 pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
+    if args.erm.is_some() {
+        let expected = "--erm: expected with --to c, pybamm, casadi or model, met another goal: it is a model";
+        let goal = args.to.of_model().ok_or_else(|| Failure::Usage(expected.to_owned()))?;
+        let named = ModelArgs { model: None, erm: args.erm.clone(), ladder_band_hz: args.ladder_band_hz.clone() };
+        let read = named.read(None)?;
+        files::make_folder(&args.out)?;
+        return model(args, (read, "--erm".to_owned(), TYPED.to_owned()), goal);
+    }
     files::make_folder(&args.out)?;
     args.files.iter().try_for_each(|file| match args.to {
         To::Csv => spectra(args, file, None),
@@ -90,10 +109,29 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
         To::Biologic => spectra(args, file, Some(SpectrumFormat::BioLogic)),
         To::Zview => spectra(args, file, Some(SpectrumFormat::ZView)),
         To::BdfCsv | To::BdfParquet => series(args, file),
-        To::C => model(args, file, (ModelFormat::CHeader, ".h")),
-        To::Pybamm => model(args, file, (ModelFormat::PyBamm, "_pybamm.py")),
-        To::Casadi => model(args, file, (ModelFormat::CasAdi, "_casadi.py")),
+        To::C | To::Pybamm | To::Casadi | To::Model => {
+            let band_hz = args.ladder_band_hz.as_deref().map(model_args::band).transpose()?;
+            let fail = |error: String| Failure::Usage(format!("{}: {error}", file.display()));
+            let read = model_args::read_model(file, band_hz).map_err(fail)?;
+            args.to.of_model().map_or(Ok(()), |goal| model(args, (read, file.display().to_string(), stem(file)), goal))
+        }
     })
+}
+
+/// What a model is written as, and the end of the file's name.
+type Goal = (Option<ModelFormat>, &'static str);
+
+impl To {
+    /// The goal of a model; none for what a model cannot be written as.
+    fn of_model(self) -> Option<Goal> {
+        match self {
+            Self::C => Some((Some(ModelFormat::CHeader), ".h")),
+            Self::Pybamm => Some((Some(ModelFormat::PyBamm), "_pybamm.py")),
+            Self::Casadi => Some((Some(ModelFormat::CasAdi), "_casadi.py")),
+            Self::Model => Some((None, "_model.json")),
+            _ => None,
+        }
+    }
 }
 
 fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> Result<(), Failure> {
@@ -120,10 +158,8 @@ fn series(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-fn model(args: &ConvertArgs, file: &Path, (format, ending): (ModelFormat, &str)) -> Result<(), Failure> {
-    let usage = |error: &dyn std::fmt::Display| Failure::Usage(format!("{}: {error}", file.display()));
-    let text = std::fs::read_to_string(file).map_err(|error| usage(&error))?;
-    let read = ModelFile::from_json(&text).map_err(|error| usage(&error))?;
+fn model(args: &ConvertArgs, (read, named, stem): (GivenModel, String, String), (format, ending): Goal) -> Result<(), Failure> {
+    let usage = |error: &dyn std::fmt::Display| Failure::Usage(format!("{named}: {error}"));
     let curve = match (&args.ocv, args.ocv_v, args.capacity_ah) {
         (Some(path), ..) => Some(files::read_curve(path)?),
         (None, Some(ocv_v), Some(capacity_ah)) => {
@@ -131,10 +167,15 @@ fn model(args: &ConvertArgs, file: &Path, (format, ending): (ModelFormat, &str))
         }
         _ => None,
     };
-    let cell = CellModel::new(&read, curve, (args.low_v, args.high_v), args.temperature_c).map_err(|error| usage(&error))?;
-    let path = free(args, &stem(file), ending)?;
-    write(&path, &cell.text(format))?;
-    say!("{}: {} RC", path.display(), read.rc);
+    let read = read.with_ocv(curve);
+    let text = match format {
+        Some(format) => CellModel::new(&read, (args.low_v, args.high_v), args.temperature_c).map_err(|error| usage(&error))?.text(format),
+        None => read.to_json().map_err(|error| usage(&error))?,
+    };
+    let path = free(args, &stem, ending)?;
+    write(&path, &text)?;
+    say!("{}: {} RC", path.display(), read.erm.branches.len());
+    read.notes().iter().for_each(|note| say!("  note: {note}"));
     Ok(())
 }
 

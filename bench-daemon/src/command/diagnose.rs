@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     diagnosis::{BaseModel, DiagnosisOptions, Fixture, Outcome, gate, report},
-    fit::ModelFile,
+    given::GivenModel,
 };
 
-use super::{Failure, files, run::Recorded};
+use super::{Failure, files, model_args::ModelArgs, run::Recorded};
 use crate::{
     dataset::{Loaded, read_dataset},
     hash,
@@ -24,9 +24,9 @@ pub struct DiagnoseArgs {
     /// The data set: a folder with `dataset.toml`, or a run folder.
     #[arg(value_name = "DATASET")]
     pub data: PathBuf,
-    /// The model to be judged, as `fit`, `joint` or a run writes it.
-    #[arg(long, value_name = "FILE")]
-    pub model: PathBuf,
+    /// The model to be judged.
+    #[command(flatten)]
+    pub model: ModelArgs,
     /// The OCV curve, as `ocv --out` writes it (`ocv.json`), where the model file holds none or another is wanted.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
@@ -103,7 +103,7 @@ pub(crate) fn of_run(run: &Path, rc: usize) -> String {
 }
 
 fn diagnose_run(run: &Path, rc: usize) -> Result<Vec<String>, Failure> {
-    let mut all = Judged::read(run, &run.join(format!("model_{rc}rc.json")), None)?;
+    let mut all = Judged::read(run, &ModelArgs::file(run.join(format!("model_{rc}rc.json"))), None)?;
     all.within = Some(run.to_owned());
     let cells = all.cells(None)?;
     let step = |(name, judged): (&str, Judged)| {
@@ -131,9 +131,9 @@ fn json(outcome: &Outcome) -> Result<String, Failure> {
 pub(super) struct Judged {
     pub(super) loaded: Loaded,
     pub(super) model: BaseModel,
-    file: ModelFile,
+    file: GivenModel,
     data: PathBuf,
-    path: PathBuf,
+    named: ModelArgs,
     /// The file that the curve was asked for from.
     ocv: Option<PathBuf>,
     /// The one cell that is meant, where there are several.
@@ -144,9 +144,10 @@ pub(super) struct Judged {
 
 impl Judged {
     /// Reads both; the curve from `ocv`, the model file, or the cell's file of a run folder.
-    pub(super) fn read(data: &Path, path: &Path, ocv: Option<&Path>) -> Result<Self, Failure> {
-        let fail = |text: &str| Failure::Usage(format!("--model {}: {text}", path.display()));
-        let file = files::read_model(path)?;
+    pub(super) fn read(data: &Path, named: &ModelArgs, ocv: Option<&Path>) -> Result<Self, Failure> {
+        let option = if named.model.is_some() { "--model " } else { "" };
+        let fail = |text: &str| Failure::Usage(format!("{option}{}: {text}", named.told()));
+        let file = named.read(None)?;
         let given = ocv.map(files::read_curve).transpose()?;
         let mut curve = given.or_else(|| file.ocv.clone());
         if curve.is_none() && data.join(JOURNAL).is_file() {
@@ -156,9 +157,9 @@ impl Judged {
         if !file.additions.is_empty() {
             return Err(fail("expected a model without additions: the diagnosis starts from the extended Randles model alone"));
         }
-        let model = BaseModel { name: file.name.clone(), erm: file.fit.erm.clone(), ocv: curve };
+        let model = BaseModel { name: file.name.clone(), erm: file.erm.clone(), ocv: curve };
         let (loaded, ocv) = (read_dataset(data)?, ocv.map(Path::to_owned));
-        Ok(Self { loaded, model, file, data: data.to_owned(), path: path.to_owned(), ocv, specimen: None, within: None })
+        Ok(Self { loaded, model, file, data: data.to_owned(), named: named.clone(), ocv, specimen: None, within: None })
     }
 
     /// The names of the cells that are to be judged, each by itself: a model is one cell's.
@@ -197,7 +198,7 @@ impl Judged {
         let loaded = Loaded { set, problems: self.loaded.problems.clone(), notes: self.loaded.notes.clone() };
         let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
         let (specimen, within) = (self.specimen.clone(), self.within.clone());
-        Self { loaded, model, file, data: self.data.clone(), path: self.path.clone(), ocv, specimen, within }
+        Self { loaded, model, file, data: self.data.clone(), named: self.named.clone(), ocv, specimen, within }
     }
 
     /// A path as it is told.
@@ -212,7 +213,7 @@ impl Judged {
     /// The command that gives the same diagnosis.
     fn again(&self) -> String {
         let word = |path: &Path| quoted(Path::new(&self.told(path)));
-        let mut text = format!("eis-bench diagnose {} --model {}", word(&self.data), word(&self.path));
+        let mut text = format!("eis-bench diagnose {}{}", word(&self.data), self.named.again(|path| self.told(path)));
         if let Some(ocv) = &self.ocv {
             text.push_str(&format!(" --ocv {}", word(ocv)));
         }
@@ -228,6 +229,7 @@ impl Judged {
         let mut outcome = gate::diagnose_gated(&self.loaded.set, unreadable, &self.model, &DiagnosisOptions::default())
             .map_err(|error| Failure::Usage(error.to_string()))?;
         outcome.diagnosis.notes.extend(self.loaded.notes.iter().cloned());
+        outcome.diagnosis.notes.extend(self.file.notes());
         Ok(outcome)
     }
 }
@@ -259,7 +261,7 @@ fn page(outcome: &Outcome, judged: &Judged, pictures: &[report::Picture]) -> Res
     page.provenance = vec![
         ("program".to_owned(), format!("eis-bench {}", env!("CARGO_PKG_VERSION"))),
         ("data".to_owned(), if data.is_file() { hashed(&data) } else { hashed(&judged.data) }),
-        ("model".to_owned(), hashed(&judged.path)),
+        ("model".to_owned(), judged.named.model.as_deref().map_or_else(|| judged.named.erm.clone().unwrap_or_default(), hashed)),
         ("seed".to_owned(), "none: the same files give the same diagnosis".to_owned()),
         ("everything in numbers".to_owned(), "diagnosis.json beside this page".to_owned()),
         (if judged.within.is_some() { "to repeat it, in the run folder" } else { "to repeat it" }.to_owned(), judged.again()),
@@ -287,7 +289,7 @@ fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failur
     files::write_text(folder, "diagnosis.html", &page(outcome, judged, &pictures)?)?;
     let additions = d.additions(concat!("eis-bench ", env!("CARGO_PKG_VERSION")));
     if let (Some(erm), Some(facts), false) = (&d.augmented, outcome.facts, additions.is_empty()) {
-        let base = ModelFile { ocv: Some(judged.model.ocv.clone()), ..judged.file.clone() };
+        let base = judged.file.clone().with_ocv(Some(judged.model.ocv.clone()));
         let augmented = base.with_additions(erm.clone(), facts, additions);
         let text = augmented.to_json().map_err(|error| Failure::Analysis(error.to_string()))?;
         files::write_text(folder, "model_augmented.json", &text)?;

@@ -8,18 +8,21 @@ use analysis::{
 };
 use serde::Serialize;
 
-use super::{Failure, diagnose::Judged, files};
+use super::{Failure, diagnose::Judged, files, model_args::ModelArgs};
 use crate::terminal::say;
 
 /// Arguments of `effects`.
 #[derive(Debug, clap::Args)]
 pub struct EffectsArgs {
-    /// A data set for which to say what could be told apart; needs --model.
-    #[arg(value_name = "DATASET", requires = "model")]
+    /// A data set for which to say what could be told apart; needs --model or --erm.
+    #[arg(value_name = "DATASET")]
     pub data: Option<PathBuf>,
-    /// The model of the data set's cell, as `fit`, `joint` or a run writes it.
+    /// The model of the data set's cell: a file of `fit`, `joint` or a run, JSON of `r_ohm` and `branches` alone, or circuit.json of `fit --circuit`.
     #[arg(long, value_name = "FILE", requires = "data")]
     pub model: Option<PathBuf>,
+    /// The same typed: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
+    #[arg(long, value_name = "TEXT", requires = "data", conflicts_with = "model")]
+    pub erm: Option<String>,
     /// The OCV curve, as `ocv --out` writes it, where the model file holds none or another is wanted.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
@@ -45,13 +48,14 @@ struct Listing<'a> {
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn effects(args: &EffectsArgs) -> Result<(), Failure> {
     let cards: Vec<&Card> = catalogue().iter().map(|effect| effect.card()).collect();
-    let matrix = match (&args.data, &args.model) {
-        (Some(data), Some(model)) => {
-            let judged = Judged::read(data, model, args.ocv.as_deref())?;
+    let matrix = match &args.data {
+        Some(data) => {
+            let named = ModelArgs { model: args.model.clone(), erm: args.erm.clone(), ladder_band_hz: None };
+            let judged = Judged::read(data, &named, args.ocv.as_deref())?;
             let matrix = distinguish(&judged.loaded.set, &judged.model, catalogue());
             Some(matrix.map_err(|error| Failure::Usage(error.to_string()))?)
         }
-        _ => None,
+        None => None,
     };
     if let Some(folder) = &args.out {
         let pictures = matrix.as_ref().map_or(Vec::new(), report::Distinguishability::pictures);

@@ -5,21 +5,14 @@ use std::path::Path;
 use analysis::{
     dataset,
     effects::Group,
-    fit::ModelFile,
     forward::{OcvSource, SimModel},
+    given::GivenModel,
     ocv::OcvCurve,
     pack::Pack,
     plot::{self, Chart, PlotError},
 };
 
 use super::Failure;
-
-/// Reads the model file of `--model`.
-pub(super) fn read_model(path: &Path) -> Result<ModelFile, Failure> {
-    let fail = |error: &dyn std::fmt::Display| Failure::Usage(format!("--model {}: {error}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|error| fail(&error))?;
-    ModelFile::from_json(&text).map_err(|error| fail(&error))
-}
 
 /// Reads an OCV curve as `ocv --out` writes it.
 pub(super) fn read_curve(path: &Path) -> Result<OcvCurve, Failure> {
@@ -30,17 +23,17 @@ pub(super) fn read_curve(path: &Path) -> Result<OcvCurve, Failure> {
     Ok(curve)
 }
 
-/// The model of a file as a simulation takes it: with the additions of the cell.
-pub(super) fn sim_model(file: &ModelFile, ocv: OcvSource, pack: Pack) -> Result<SimModel, Failure> {
+/// A model as a simulation takes it: with the additions of the cell.
+pub(super) fn sim_model(file: &GivenModel, ocv: OcvSource, pack: Pack) -> Result<SimModel, Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
     match file.augmented().map_err(|error| usage(&error))? {
-        None => SimModel::pack(&file.fit.erm, ocv, pack).map_err(|error| usage(&error)),
+        None => SimModel::pack(&file.erm, ocv, pack).map_err(|error| usage(&error)),
         Some(cell) => SimModel::augmented(&cell, ocv, pack).map_err(|error| usage(&error)),
     }
 }
 
-/// What becomes of a file's additions, in sentences.
-pub(super) fn addition_notes(file: &ModelFile) -> Vec<String> {
+/// What becomes of a model's additions, in sentences.
+pub(super) fn addition_notes(file: &GivenModel) -> Vec<String> {
     let names = |group: Group| -> Vec<&str> { file.additions.iter().filter(|a| a.group == group).map(|a| a.title.as_str()).collect() };
     let (cell, bench) = (names(Group::Cell), names(Group::Bench));
     let mut notes = Vec::new();

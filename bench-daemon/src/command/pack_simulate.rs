@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     dataset::{self, ColumnSpec},
-    fit::ModelFile,
     forward::{CellWindow, OcvSource, Profile},
+    given::GivenModel,
     model::Erm,
     pack::{Draws, Outcome, Pack, Percentiles, Scatter, ScatterSetup, Spread, scatter},
 };
@@ -16,6 +16,7 @@ use serde::Serialize;
 
 use super::{
     Failure, files,
+    model_args::ModelArgs,
     pack_size::ThermalArgs,
     profile_args::{ProfileArgs, taken},
 };
@@ -38,9 +39,12 @@ Example:
 #[derive(Debug, Args)]
 #[command(after_help = HELP)]
 pub struct PackSimulateArgs {
-    /// The mean cell: a model as `fit --out` writes it.
-    #[arg(long, value_name = "FILE")]
-    pub model: PathBuf,
+    /// The mean cell.
+    #[command(flatten)]
+    pub model: ModelArgs,
+    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is wanted.
+    #[arg(long, value_name = "JSON")]
+    pub ocv: Option<PathBuf>,
     /// Two columns, time in s and power in W or current in A, with or without header.
     #[arg(long, value_name = "FILE")]
     pub profile: PathBuf,
@@ -59,7 +63,7 @@ pub struct PackSimulateArgs {
     /// Resistance between each cell and the busbar of its group, Ω.
     #[arg(long, value_name = "OHM", default_value_t = 0.0, allow_negative_numbers = true)]
     pub tab_ohm: f64,
-    /// State of charge at the start, 0 to 1; needs a model with an OCV curve.
+    /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv.
     #[arg(long, value_name = "X", conflicts_with = "ocv_v", required_unless_present = "ocv_v", allow_negative_numbers = true)]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; stays so where the model has no OCV curve.
@@ -142,7 +146,7 @@ struct PackReport {
     step_error_v: f64,
     /// What the model's fit warned of.
     model_warnings: Vec<String>,
-    /// What became of the model's additions.
+    /// What the model does not tell, and what became of its additions.
     notes: Vec<String>,
 }
 
@@ -152,7 +156,7 @@ struct PackReport {
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
-    let model = files::read_model(&args.model)?;
+    let model = args.model.read(args.ocv.as_deref())?;
     let profile = Profile::read(&args.profile, &args.read.options()).map_err(|error| usage(&error))?;
     let (ocv, soc) = start(args, &model)?;
     let cell = cell(&model, &ocv)?;
@@ -190,7 +194,7 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
 }
 
 /// The cell as an ERM. Cells that scatter are linear: what no branch stands for is refused.
-fn cell(file: &ModelFile, ocv: &OcvSource) -> Result<Erm, Failure> {
+fn cell(file: &GivenModel, ocv: &OcvSource) -> Result<Erm, Failure> {
     let model = files::sim_model(file, ocv.clone(), Pack { series: 1, parallel: 1, interconnect_ohm: 0.0 })?;
     match model.laws() {
         None => Ok(model.erm),
@@ -201,7 +205,7 @@ fn cell(file: &ModelFile, ocv: &OcvSource) -> Result<Erm, Failure> {
 }
 
 /// The open-circuit voltage and the state of charge at the start.
-fn start(args: &PackSimulateArgs, model: &ModelFile) -> Result<(OcvSource, f64), Failure> {
+fn start(args: &PackSimulateArgs, model: &GivenModel) -> Result<(OcvSource, f64), Failure> {
     match (&model.ocv, args.soc, args.ocv_v) {
         (Some(curve), Some(soc), _) => Ok((OcvSource::Curve(curve.clone()), soc)),
         (Some(curve), None, Some(ocv_v)) => {
@@ -210,12 +214,14 @@ fn start(args: &PackSimulateArgs, model: &ModelFile) -> Result<(OcvSource, f64),
             Ok((OcvSource::Curve(curve.clone()), soc))
         }
         (None, None, Some(ocv_v)) if ocv_v.is_finite() && ocv_v > 0.0 => Ok((OcvSource::Constant(ocv_v), 0.5)),
-        (None, Some(_), _) => Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv-v", args.model.display()))),
+        (None, Some(_), _) => {
+            Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv-v, or a curve with --ocv", args.model.told())))
+        }
         _ => Err(Failure::Usage("--ocv-v: expected a voltage above 0 V".to_owned())),
     }
 }
 
-fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&ModelFile, Spread, Draws), met: &Scatter) -> PackReport {
+fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&GivenModel, Spread, Draws), met: &Scatter) -> PackReport {
     let over = |which: fn(&Outcome) -> f64| Percentiles::of(met.outcomes.iter().map(which));
     let (leaving_probability, leaving_interval_95) = met.leaving();
     let (ocv_v, soc) = match setup.ocv {
@@ -246,8 +252,8 @@ fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&ModelFile, Spread,
         soc_spread_end: soc.map(|_| Percentiles::of(met.outcomes.iter().filter_map(|o| o.soc_spread_end))),
         hottest_rise_k: over(|o| o.hottest_rise_k),
         step_error_v: met.step_error_v,
-        model_warnings: model.fit.warnings.clone(),
-        notes: files::addition_notes(model),
+        model_warnings: model.warnings.clone(),
+        notes: model.notes().into_iter().chain(files::addition_notes(model)).collect(),
     }
 }
 

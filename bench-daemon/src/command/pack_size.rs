@@ -10,7 +10,10 @@ use analysis::{
 use clap::Args;
 use serde::Serialize;
 
-use super::Failure;
+use super::{
+    Failure,
+    model_args::{self, ModelArgs},
+};
 use crate::terminal::say;
 
 const HELP: &str = "\
@@ -38,9 +41,15 @@ pub struct SizeArgs {
     /// Open-circuit voltage of a cell, V.
     #[arg(long, value_name = "V")]
     pub ocv_v: f64,
-    /// DC resistance of a cell, Ω.
-    #[arg(long, value_name = "OHM")]
-    pub dcir_ohm: f64,
+    /// DC resistance of a cell, Ω [default: that of the model]
+    #[arg(long, value_name = "OHM", required_unless_present_any = ["model", "erm"])]
+    pub dcir_ohm: Option<f64>,
+    /// A model to take the DC resistance from: a file of `fit`, `joint` or a run, JSON of `r_ohm` and `branches` alone, or circuit.json.
+    #[arg(long, value_name = "FILE", conflicts_with = "dcir_ohm")]
+    pub model: Option<PathBuf>,
+    /// The same typed: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
+    #[arg(long, value_name = "TEXT", conflicts_with_all = ["dcir_ohm", "model"])]
+    pub erm: Option<String>,
     /// Resistance of busbars, wires and connectors over the whole pack, Ω.
     #[arg(long, value_name = "OHM", default_value_t = 0.0)]
     pub interconnect_ohm: f64,
@@ -93,6 +102,11 @@ struct SizeReport {
     #[serde(flatten)]
     sizing: Sizing,
     hold: Option<Hold>,
+    /// DC resistance of a cell, Ω.
+    dcir_ohm: f64,
+    /// What the model that it comes from does not tell.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    model_notes: Vec<String>,
 }
 
 /// Sizes a pack and prints it.
@@ -102,17 +116,13 @@ struct SizeReport {
 pub fn size(args: &SizeArgs) -> Result<(), Failure> {
     let usage = |error: PackError| Failure::Usage(error.to_string());
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
-    let input = SizingInput {
-        pack,
-        cell_ocv_v: args.ocv_v,
-        dcir_ohm: args.dcir_ohm,
-        window_v: (args.v_min, args.v_max),
-        required_v_per_w: args.required_v_per_w,
-    };
+    let (dcir_ohm, model_notes) = dc_resistance(args)?;
+    let input =
+        SizingInput { pack, cell_ocv_v: args.ocv_v, dcir_ohm, window_v: (args.v_min, args.v_max), required_v_per_w: args.required_v_per_w };
     let sizing = Sizing::new(&input).map_err(usage)?;
     let held = args.power_w.zip(args.hold_s);
     let hold = held.map(|held| Hold::new(&input, held, args.thermal.mass())).transpose().map_err(usage)?;
-    let report = SizeReport { sizing, hold };
+    let report = SizeReport { sizing, hold, dcir_ohm, model_notes };
     let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
     if let Some(out) = &args.out {
         write(out, &json, &voltage_over_power(&input, &report.sizing).map_err(usage)?)?;
@@ -126,6 +136,21 @@ pub fn size(args: &SizeArgs) -> Result<(), Failure> {
         say!("written to {}", out.display());
     }
     Ok(())
+}
+
+/// DC resistance of a cell, Ω, as given or of the model, and what that does not tell.
+fn dc_resistance(args: &SizeArgs) -> Result<(f64, Vec<String>), Failure> {
+    if let Some(dcir_ohm) = args.dcir_ohm {
+        return Ok((dcir_ohm, Vec::new()));
+    }
+    let named = ModelArgs { model: args.model.clone(), erm: args.erm.clone(), ladder_band_hz: None };
+    let model = named.read(None)?;
+    let fail = |met: &str| Failure::Usage(format!("{}: expected a model {met}; give --dcir-ohm", named.told()));
+    if !model.additions.is_empty() {
+        return Err(fail("without additions, met some, which no single resistance stands for"));
+    }
+    let dcir_ohm = model.dc_resistance_ohm().ok_or_else(|| fail("with a DC resistance, met a circuit without one"))?;
+    Ok((dcir_ohm, model_args::notes(&model)))
 }
 
 fn print_text(input: &SizingInput, report: &SizeReport) {
@@ -158,7 +183,7 @@ fn print_text(input: &SizingInput, report: &SizeReport) {
             h.temperature_rise_k
         );
     }
-    for note in &s.notes {
+    for note in s.notes.iter().chain(&report.model_notes) {
         say!("  note: {note}");
     }
 }
@@ -228,7 +253,7 @@ mod tests {
     fn the_json_has_the_fixed_names() {
         let pack = Pack::new(16, 3, 0.03).unwrap();
         let input = SizingInput { pack, cell_ocv_v: 4.0, dcir_ohm: 0.015, window_v: (2.5, 4.2), required_v_per_w: Some(0.0075) };
-        let report = SizeReport { sizing: Sizing::new(&input).unwrap(), hold: None };
+        let report = SizeReport { sizing: Sizing::new(&input).unwrap(), hold: None, dcir_ohm: 0.015, model_notes: Vec::new() };
         let json: serde_json::Value = serde_json::to_value(&report).unwrap();
         for (name, kilowatts) in [("peak_power_w", 8.73), ("crossing_power_w", 6.58), ("regen_power_w", -1.95)] {
             assert!((json[name].as_f64().unwrap() / 1000.0 - kilowatts).abs() < 0.005, "{json}");

@@ -7,21 +7,25 @@ use crate::command::files;
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    fit::ModelFile,
     forward::{
         Beyond, CellWindow, ForwardError, Infeasible, Method, OcvSource, Profile, ScaleBound, SimModel, SimOptions, SimState, Summary,
         write_trace_parquet,
     },
+    given::GivenModel,
     pack::Pack,
 };
 use serde::Serialize;
 
 use crate::command::{
     Failure,
+    model_args::ModelArgs,
     profile_args::{ProfileArgs, taken},
 };
 use crate::terminal::{remark, say};
 use case::{Case, Parameter};
+
+/// Most steps of explicit Euler: six hours of the thesis' 4-RC model, whose shortest time constant of 0.83 ms makes steps of 0.21 ms.
+const MOST_EULER_STEPS: f64 = 1e8;
 
 /// Arguments of `simulate`.
 #[derive(Debug, clap::Args)]
@@ -30,9 +34,12 @@ Margins are per cell (mean over the cells in series, interconnect left out) and 
 voltages at the terminals. `feasible` says that all power asked for could be had; whether the window was kept, the margins say.
 Power and current count discharge as positive. Each row of a profile holds until the next; the last row only ends it.")]
 pub struct SimulateArgs {
-    /// A model as `fit --out` writes it: model_4rc.json.
-    #[arg(long, value_name = "FILE")]
-    pub model: PathBuf,
+    /// Which model.
+    #[command(flatten)]
+    pub model: ModelArgs,
+    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is wanted.
+    #[arg(long, value_name = "JSON")]
+    pub ocv: Option<PathBuf>,
     /// Two columns, time and power, current or load resistance, with or without header; several for a table over all.
     #[arg(long = "profile", required = true, value_name = "FILE")]
     pub profiles: Vec<PathBuf>,
@@ -45,7 +52,7 @@ pub struct SimulateArgs {
     /// Resistance of busbars, wires and connectors over the whole pack, Ω.
     #[arg(long, default_value_t = 0.0, value_name = "OHM", allow_negative_numbers = true)]
     pub interconnect_ohm: f64,
-    /// State of charge at the start, 0 to 1; needs a model with an OCV curve. This or --ocv-v is needed.
+    /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv. This or --ocv-v is needed.
     #[arg(long, value_name = "X", conflicts_with = "ocv_v", allow_negative_numbers = true)]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; without an OCV curve in the model it stays.
@@ -153,6 +160,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
     let mut cases = Vec::new();
     for path in &args.profiles {
         let profile = Profile::read(path, &args.read.options()).map_err(usage)?;
+        check_euler(args, &model, &profile)?;
         let options = options(args, &profile, window);
         let case = Case::run((&file, &model, &state), profile, (options, args.dcir_ohm)).map_err(|error| match error {
             ForwardError::Unstable { .. } => Failure::Usage(format!("--step-s: {error}")),
@@ -173,15 +181,17 @@ fn usage(error: impl std::fmt::Display) -> Failure {
     Failure::Usage(error.to_string())
 }
 
-fn model(args: &SimulateArgs) -> Result<(ModelFile, SimModel), Failure> {
-    let name = args.model.display();
-    let file = files::read_model(&args.model)?;
+fn model(args: &SimulateArgs) -> Result<(GivenModel, SimModel), Failure> {
+    let name = args.model.told();
+    let file = args.model.read(args.ocv.as_deref())?;
     let ocv = match (&file.ocv, args.ocv_v) {
         (Some(curve), _) => OcvSource::Curve(curve.clone()),
         (None, Some(ocv_v)) => OcvSource::Constant(ocv_v),
         (None, None) if args.soc.is_none() => return Err(Failure::Usage("expected --soc or --ocv-v, found neither".to_owned())),
         (None, None) => {
-            return Err(Failure::Usage(format!("--soc: expected a model with an OCV curve, {name} has none; give --ocv-v instead")));
+            return Err(Failure::Usage(format!(
+                "--soc: expected a model with an OCV curve, {name} has none; give --ocv-v instead, or a curve with --ocv"
+            )));
         }
     };
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
@@ -219,6 +229,19 @@ fn options(args: &SimulateArgs, profile: &Profile, window: CellWindow) -> SimOpt
     };
     let max_step_s = args.step_s.unwrap_or_else(|| profile.duration_s() / 2000.0);
     SimOptions { method, beyond, window, max_step_s, thesis_step_s: args.step_s, ..SimOptions::default() }
+}
+
+/// Explicit Euler steps by a quarter of the shortest time constant, which for a circuit's ladder lies far below the profile's own times.
+fn check_euler(args: &SimulateArgs, model: &SimModel, profile: &Profile) -> Result<(), Failure> {
+    let shortest_s = model.erm.time_constants_s().into_iter().fold(f64::INFINITY, f64::min);
+    let steps = 4.0 * profile.duration_s() / shortest_s;
+    if !matches!(args.method, Steps::Thesis) || args.step_s.is_some() || steps <= MOST_EULER_STEPS {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "--method thesis: expected at most {MOST_EULER_STEPS:e} steps of a quarter of the shortest time constant, met {steps:.1e}, for that is {shortest_s:.1e} s; \
+         take --method exact"
+    )))
 }
 
 /// Two profiles of one name from different folders must not share a trace.

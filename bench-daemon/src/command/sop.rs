@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    fit::ModelFile,
     forward::{CellWindow, OcvSource},
+    given::GivenModel,
     pack::Pack,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
     sop::{CurrentLimits, LimitedBy, SopEntry, SopGrid, SopOptions, sop_map},
@@ -12,7 +12,10 @@ use analysis::{
 use clap::Args;
 use serde::Serialize;
 
-use super::{Failure, files};
+use super::{
+    Failure, files,
+    model_args::{self, ModelArgs},
+};
 use crate::terminal::say;
 
 const HELP: &str = "\
@@ -34,9 +37,12 @@ const MOST_CURVES: usize = 5;
 #[derive(Debug, Args)]
 #[command(after_help = HELP)]
 pub struct SopArgs {
-    /// A model as `fit --out` writes it; with an OCV curve for --soc.
-    #[arg(long, value_name = "FILE")]
-    pub model: PathBuf,
+    /// Which model.
+    #[command(flatten)]
+    pub model: ModelArgs,
+    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is wanted.
+    #[arg(long, value_name = "JSON")]
+    pub ocv: Option<PathBuf>,
     /// Cells in series.
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub series: u32,
@@ -49,7 +55,7 @@ pub struct SopArgs {
     /// Durations, s, with commas.
     #[arg(long, value_name = "LIST", default_value = "0.1,1,2,10")]
     pub duration_s: String,
-    /// States of charge: a list with commas, or a range 0.1..0.9 in steps of 0.1, or 0.1..0.9:0.05.
+    /// States of charge, for a model with an OCV curve or with --ocv: a list with commas, or a range 0.1..0.9 in steps of 0.1, or 0.1..0.9:0.05.
     #[arg(long, value_name = "LIST", conflicts_with = "ocv_v", required_unless_present = "ocv_v")]
     pub soc: Option<String>,
     /// Open-circuit voltage of a cell, V, between --v-min and --v-max, which then stays as it is.
@@ -95,14 +101,14 @@ struct SopReport {
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn sop(args: &SopArgs) -> Result<(), Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
-    let file = files::read_model(&args.model)?;
+    let file = args.model.read(args.ocv.as_deref())?;
     let duration_s = numbers(&args.duration_s).map_err(|error| Failure::Usage(format!("--duration-s: {error}")))?;
     let (ocv, soc) = match (args.ocv_v, &args.soc, &file.ocv) {
         (Some(ocv_v), ..) => (OcvSource::Constant(ocv_v), vec![0.5]),
         (None, Some(text), Some(curve)) => {
             (OcvSource::Curve(curve.clone()), numbers(text).map_err(|error| Failure::Usage(format!("--soc: {error}")))?)
         }
-        _ => return Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv-v", args.model.display()))),
+        _ => return Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv-v, or a curve with --ocv", args.model.told()))),
     };
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(|error| usage(&error))?;
     let model = files::sim_model(&file, ocv, pack)?;
@@ -135,7 +141,7 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
 }
 
 /// A cell at rest is within the voltages that it may have, and on the model's curve, where there is one.
-fn check_ocv(ocv_v: f64, window: &CellWindow, file: &ModelFile) -> Result<(), Failure> {
+fn check_ocv(ocv_v: f64, window: &CellWindow, file: &GivenModel) -> Result<(), Failure> {
     let within = |(low_v, high_v): (f64, f64), what: &str| {
         let text = || format!("--ocv-v: expected the voltage of a cell at rest, {low_v} to {high_v} V by {what}, found {ocv_v} V");
         if (low_v..=high_v).contains(&ocv_v) { Ok(()) } else { Err(Failure::Usage(text())) }
@@ -146,9 +152,8 @@ fn check_ocv(ocv_v: f64, window: &CellWindow, file: &ModelFile) -> Result<(), Fa
 }
 
 /// What would mislead if it were not said.
-fn notes(args: &SopArgs, file: &ModelFile, map: &[SopEntry]) -> Vec<String> {
-    let mut notes: Vec<String> = file.fit.warnings.iter().map(|warning| format!("of the model's fit: {warning}")).collect();
-    notes.extend(files::addition_notes(file));
+fn notes(args: &SopArgs, file: &GivenModel, map: &[SopEntry]) -> Vec<String> {
+    let mut notes = model_args::notes(file);
     let most = |of: fn(&SopEntry) -> f64| map.iter().map(of).fold(0.0, f64::max);
     if args.max_discharge_a.is_none() || args.max_charge_a.is_none() {
         notes.push(format!(

@@ -119,13 +119,14 @@ dimension!(
 dimension!(
     /// Resistance.
     Resistance, "a resistance", "9.96 mΩ",
-    [("Ω", 1.0), ("ohm", 1.0), ("mΩ", 1.0e-3), ("mohm", 1.0e-3), ("µΩ", 1.0e-6), ("uΩ", 1.0e-6), ("uohm", 1.0e-6), ("MΩ", 1.0e6), ("kΩ", 1.0e3)]);
+    [("Ω", 1.0), ("ohm", 1.0), ("mΩ", 1.0e-3), ("mohm", 1.0e-3), ("µΩ", 1.0e-6), ("uΩ", 1.0e-6), ("uohm", 1.0e-6), ("MΩ", 1.0e6), ("kΩ", 1.0e3),
+     ("Ohm", 1.0), ("mOhm", 1.0e-3), ("uOhm", 1.0e-6), ("\u{2126}", 1.0), ("m\u{2126}", 1.0e-3), ("\u{3bc}Ω", 1.0e-6), ("µ\u{2126}", 1.0e-6)]);
 dimension!(
     /// Inductance.
     Inductance, "an inductance", "20 nH", [("H", 1.0), ("µH", 1.0e-6), ("uH", 1.0e-6), ("nH", 1.0e-9)]);
 dimension!(
     /// Capacitance.
-    Capacitance, "a capacitance", "1 nF", [("F", 1.0), ("µF", 1.0e-6), ("uF", 1.0e-6), ("nF", 1.0e-9), ("pF", 1.0e-12)]);
+    Capacitance, "a capacitance", "1 nF", [("F", 1.0), ("kF", 1.0e3), ("mF", 1.0e-3), ("µF", 1.0e-6), ("uF", 1.0e-6), ("nF", 1.0e-9), ("pF", 1.0e-12)]);
 dimension!(
     /// Charge.
     Charge, "a charge", "4.5 Ah", [("Ah", 3600.0), ("mAh", 3.6), ("C", 1.0)]);

@@ -72,3 +72,23 @@ fn commands_honour_additions_or_say_that_they_do_not() {
         assert!(!done && text.contains(expected), "{text}");
     }
 }
+
+#[test]
+fn a_typed_model_holds_additions_as_a_model_file_does() {
+    let folder = models();
+    let model = crate::support::json(&folder.path().join("warm.json"));
+    let erm = &model["fit"]["erm"];
+    let (additions, facts, ocv) = (&model["additions"], &model["facts"], &model["ocv"]);
+    let typed = json!({ "r_ohm": erm["r_ohm"], "branches": erm["branches"], "ocv": ocv, "additions": additions, "facts": facts });
+    std::fs::write(folder.path().join("typed.json"), typed.to_string()).unwrap();
+    let lowest_v = |model: &str| {
+        let (done, text) = eis_bench(folder.path(), &["simulate", "--model", model, "--profile", "pulse.csv", "--soc", "0.6", "--json"]);
+        assert!(done, "{text}");
+        serde_json::from_str::<Value>(&text).unwrap()["min_ccv_v"].as_f64().unwrap()
+    };
+    assert_eq!(lowest_v("typed.json"), lowest_v("warm.json"));
+    let lacking = json!({ "r_ohm": erm["r_ohm"], "branches": erm["branches"], "additions": additions, "facts": facts });
+    std::fs::write(folder.path().join("lacking.json"), lacking.to_string()).unwrap();
+    let (done, text) = eis_bench(folder.path(), &["simulate", "--model", "lacking.json", "--profile", "pulse.csv", "--ocv-v", "3.7"]);
+    assert!(!done && text.contains("additions: expected beside them ocv, the OCV curve of the model, met none"), "{text}");
+}

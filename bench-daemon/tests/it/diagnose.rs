@@ -18,7 +18,7 @@ fn eis_bench(args: &[&Path]) -> Output {
 }
 
 /// A campaign in `data`, a model of its first sweep beside it.
-fn campaign(folder: &Path, spec: &Spec) {
+pub(crate) fn campaign(folder: &Path, spec: &Spec) {
     let case = Case::new(spec);
     case.write(&folder.join("data")).unwrap();
     let set = read_dataset(&folder.join("data")).unwrap().set;

@@ -49,4 +49,5 @@ mod study;
 mod support;
 mod sweeps;
 mod traces;
+mod typed;
 mod verdicts;

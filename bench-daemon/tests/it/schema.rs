@@ -87,3 +87,29 @@ fn model_files_follow_their_schema() {
     let said = mistakes(&schema, &schema, &model, "model");
     assert_eq!(said, ["model.fit.erm.branches[0].c_f: met -1.0", "model.rc: expected [\"integer\"], met \"two\""]);
 }
+
+#[test]
+fn typed_models_and_ladders_follow_theirs() {
+    let root = json(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/model.schema.json").as_ref());
+    let schema = &root["$defs"]["typed"];
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let fits = r#"{"fits": [{"circuit": "L0-R0-p(R1-Wo1,CPE1)-W2", "values": [2e-8, 0.006, 0.002, 0.004, 30, 2, 0.85, 1e-5], "band_hz": [0.01, 1000]}]}"#;
+    std::fs::write(path("circuit.json"), fits).unwrap();
+    let out = path("out");
+    let convert = |model: &[&std::ffi::OsStr]| {
+        program(&[&["convert".as_ref()], model, &["--to".as_ref(), "model".as_ref(), "--out".as_ref(), out.as_os_str()]].concat())
+            .expect_code(0);
+    };
+    convert(&["--erm".as_ref(), "6.43 mΩ; 1.51 mΩ, 0.553 F".as_ref()]);
+    convert(&[path("circuit.json").as_os_str()]);
+    for name in ["typed_model.json", "circuit_model.json"] {
+        let mut model = json(&out.join(name));
+        assert_eq!(mistakes(schema, &root, &model, "model"), [""; 0]);
+        for (of, met) in [(&schema["properties"], &model), (&schema["properties"]["ladder"]["properties"], &model["ladder"])] {
+            met.as_object().into_iter().flatten().for_each(|(field, _)| assert!(of.get(field).is_some(), "{field}"));
+        }
+        model["branches"][0]["c_f"] = Value::from(0.0);
+        assert_eq!(mistakes(schema, &root, &model, "model"), ["model.branches[0].c_f: met 0.0"]);
+    }
+}

@@ -81,6 +81,9 @@ pub struct CircuitFit {
     pub condition: Option<f64>,
     /// Number of points fitted, over all spectra.
     pub points: usize,
+    /// Lowest and highest frequency of the points fitted, Hz; none in files of programs that did not write it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub band_hz: Option<(f64, f64)>,
     /// Names of the spectra fitted together.
     pub spectra: Vec<String>,
     /// Starts tried.
@@ -196,6 +199,7 @@ fn describe(problem: &Problem, values: Vec<f64>, bounds: &[(f64, f64)]) -> Circu
         rms_ohm: rms_ohm(problem, &values),
         condition: uncertainty.condition,
         points: data.points,
+        band_hz: band_hz(data),
         spectra: Vec::new(),
         starts: 0,
         starts_at_optimum: 0,
@@ -203,6 +207,12 @@ fn describe(problem: &Problem, values: Vec<f64>, bounds: &[(f64, f64)]) -> Circu
         warnings: Vec::new(),
         values,
     }
+}
+
+/// Lowest and highest frequency of the data.
+fn band_hz(data: &Data) -> Option<(f64, f64)> {
+    let freqs = || data.groups.iter().map(|group| group.freq_hz);
+    Some((freqs().min_by(f64::total_cmp)?, freqs().max_by(f64::total_cmp)?))
 }
 
 fn rms_ohm(problem: &Problem, values: &[f64]) -> f64 {

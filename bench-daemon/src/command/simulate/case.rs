@@ -3,18 +3,18 @@
 use std::path::PathBuf;
 
 use analysis::{
-    fit::ModelFile,
     forward::{
         Demand, ForwardError, Profile, ScaleLimit, ScaleOptions, SimModel, SimOptions, SimState, Simulation, TRACE_BRANCHES, largest_scale,
         sensitivity, simulate,
     },
+    given::GivenModel,
     model::Erm,
     ocv::OcvCurve,
 };
 use serde::Serialize;
 
 use super::{Output, SimpleIr};
-use crate::{command::files, terminal::say};
+use crate::{command::model_args, terminal::say};
 
 /// A profile and what came of it.
 #[derive(Debug)]
@@ -40,7 +40,7 @@ pub(super) struct Parameter {
 
 impl Case {
     pub(super) fn run(
-        (file, model, state): (&ModelFile, &SimModel, &SimState),
+        (file, model, state): (&GivenModel, &SimModel, &SimState),
         profile: Profile,
         (options, dcir_ohm): (SimOptions, Option<f64>),
     ) -> Result<Self, ForwardError> {
@@ -51,7 +51,7 @@ impl Case {
             bare = SimModel::pack(&cell, model.ocv.clone(), model.pack)?;
         }
         let dcir_ohm = dcir_ohm.unwrap_or_else(|| match file.additions.is_empty() {
-            true => file.fit.erm.dc_resistance_ohm(),
+            true => file.erm.dc_resistance_ohm(),
             false => (model.erm.dc_resistance_ohm() - model.pack.interconnect_ohm) / model.pack.ratio(),
         });
         let rest = SimState { soc: state.soc, v_rc_v: Vec::new() };
@@ -72,21 +72,21 @@ impl Case {
         Ok(Self { profile, full, simple, limits, dcir_ohm, slopes_v })
     }
 
-    pub(super) fn output(&self, file: &ModelFile, model: &SimModel, trace: PathBuf) -> Output {
+    pub(super) fn output(&self, file: &GivenModel, model: &SimModel, trace: PathBuf) -> Output {
         let (full, simple) = (&self.full.summary, &self.simple.summary);
         let factor = |k: usize| self.limits.map(|l| l[k].factor);
         // The peak of the profile itself where it is a power; else that of the simulation is no measure of the factor.
         let asked = self.profile.peak();
         let peak = |k: usize| factor(k).filter(|_| self.profile.demand == Demand::Power).zip(asked).map(|(f, asked)| f * asked);
-        let names = file.fit.erm.parameter_names();
+        let names = file.erm.parameter_names();
         let per_percent = names.into_iter().zip(&self.slopes_v).map(|(parameter, slope)| Parameter { parameter, change_v: 0.01 * slope });
         Output {
             profile: self.profile.name.clone(),
-            model: format!("{}, {} RC", file.name, file.rc),
+            model: format!("{}, {} RC", file.name, file.erm.branches.len()),
             pack: model.pack.name(),
             summary: full.clone(),
             first_infeasible: full.infeasible.first().copied(),
-            min_ccv_sigma_v: self.sigma_v(file.fit.log_covariance.as_deref()),
+            min_ccv_sigma_v: self.sigma_v(file.log_covariance.as_deref()),
             min_ccv_per_percent_v: per_percent.collect(),
             largest_factor: factor(0),
             largest_factor_bound: self.limits.map(|l| l[0].bound),
@@ -109,10 +109,9 @@ impl Case {
     }
 
     /// What would mislead if it were not said.
-    fn notes(&self, file: &ModelFile) -> Vec<String> {
+    fn notes(&self, file: &GivenModel) -> Vec<String> {
         let (s, name) = (&self.full.summary, &self.profile.name);
-        let mut notes: Vec<String> = file.fit.warnings.iter().map(|warning| format!("of the model's fit: {warning}")).collect();
-        notes.extend(files::addition_notes(file));
+        let mut notes = model_args::notes(file);
         if !file.additions.is_empty() {
             notes.push("what the uncertainty of the fit does to the lowest voltage is not given for a model with additions".to_owned());
         }
@@ -150,7 +149,7 @@ impl Case {
 
 /// Derivatives of the lowest voltage at the terminals by the logarithms of the cell's parameters, V.
 fn slopes_v(
-    file: &ModelFile,
+    file: &GivenModel,
     (model, state): (&SimModel, &SimState),
     profile: &Profile,
     (run, options): (&Simulation, &SimOptions),
@@ -160,7 +159,7 @@ fn slopes_v(
     let derivatives = sensitivity(model, state, profile, (options.beyond, step_s))?;
     let Some(lowest) = derivatives.rows.iter().min_by(|a, b| a.ccv_v.total_cmp(&b.ccv_v)) else { return Ok(Vec::new()) };
     let ratio = model.pack.ratio();
-    let cell = &file.fit.erm;
+    let cell = &file.erm;
     let branches = cell.branches.iter().flat_map(|b| [b.r_ohm * ratio, b.c_f / ratio]);
     let parameters = std::iter::once(cell.r_ohm * ratio).chain(branches);
     Ok(parameters.zip(&lowest.by_parameter).map(|(value, slope)| value * slope).collect())
