@@ -134,7 +134,8 @@ fn neighbours(harmonics: &[usize], line: usize, (least, greatest): (usize, usize
         tried[place] = other;
         tried
     };
-    let spaced = |tried: &Vec<usize>| tried.windows(2).all(|pair| pair[0] < pair[1]) && !tried.windows(3).any(|three| three[2] == three[0] + 4);
+    let spaced =
+        |tried: &Vec<usize>| tried.windows(2).all(|pair| pair[0] < pair[1]) && !tried.windows(3).any(|three| three[2] == three[0] + 4);
     (below..=above).filter(|other| other % 2 == 1 && *other != line && *other >= least).map(to).filter(spaced).collect()
 }
 

@@ -32,7 +32,7 @@ pub struct Proof {
     pub predicted: usize,
     /// How many of them show nothing like it.
     pub missing: usize,
-    /// Bins beyond five standard deviations, above the lines, that no image is predicted for.
+    /// Bins above the lines with more than five times what noise and predicted images have there.
     pub strange: usize,
     /// The strongest of these: Hz.
     pub strange_hz: f64,
@@ -41,6 +41,13 @@ pub struct Proof {
 }
 
 impl Proof {
+    fn add_strange(&mut self, freq_hz: f64, sigmas: f64) {
+        self.strange += 1;
+        if sigmas > self.strange_sigmas {
+            (self.strange_hz, self.strange_sigmas) = (freq_hz, sigmas);
+        }
+    }
+
     /// The record is not what the rates say.
     pub fn contradicts(&self) -> bool {
         let all = self.predicted as f64;
@@ -98,7 +105,19 @@ impl Seen {
             same
         });
         let octaves = factors(&places, noise);
-        let proof = proof(&places, (&octaves, noise), &|strange: &mut Proof| beyond(strange, &places, &rest, (noise, base_hz, last, sampling)));
+        let mut proof = proof(&places, (&octaves, noise));
+        // What is predicted for a bin: its power, V².
+        let expected = |bin: usize| {
+            let place = places.binary_search_by_key(&bin, |place| place.bin).ok().map(|at| &places[at]);
+            place.map_or(0.0, |place| octaves[place.octave] * place.weight)
+        };
+        for bin in bin(last + 3)..sampling.samples / 2 {
+            let distorted = bin.is_multiple_of(sampling.periods) && bin <= DISTORTED * last * sampling.periods;
+            let (power, freq_hz) = (rest(bin), bin as f64 * base_hz / sampling.periods as f64);
+            if !distorted && power > CERTAIN * (noise + expected(bin)) {
+                proof.add_strange(freq_hz, (power / noise).sqrt());
+            }
+        }
         Self { lines, sampling, octaves, proof }
     }
 
@@ -151,7 +170,7 @@ fn factors(places: &[Place], noise: f64) -> Vec<f64> {
     sums.into_iter().map(factor).collect()
 }
 
-fn proof(places: &[Place], (octaves, noise): (&[f64], f64), beyond: &dyn Fn(&mut Proof)) -> Proof {
+fn proof(places: &[Place], (octaves, noise): (&[f64], f64)) -> Proof {
     let mut proof = Proof::default();
     for place in places {
         let expected = octaves[place.octave] * place.weight;
@@ -160,30 +179,87 @@ fn proof(places: &[Place], (octaves, noise): (&[f64], f64), beyond: &dyn Fn(&mut
             proof.missing += usize::from(place.power < MISSING * expected);
         }
     }
-    beyond(&mut proof);
     proof
 }
 
-/// Strong bins above the lines that are no image's: not those that distortion may reach.
-fn beyond(
-    proof: &mut Proof,
-    places: &[Place],
-    rest: &dyn Fn(usize) -> f64,
-    (noise, base_hz, last, sampling): (f64, f64, usize, Sampling),
-) {
-    let Sampling { periods, samples, .. } = sampling;
-    let mut strongest = 0.0;
-    for bin in (last + 3) * periods..samples / 2 {
-        let harmonic = bin.is_multiple_of(periods) && bin <= DISTORTED * last * periods;
-        let power = rest(bin);
-        if power <= CERTAIN * noise || harmonic || places.binary_search_by_key(&bin, |place| place.bin).is_ok() {
-            continue;
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        fit::Rng,
+        multisine::{MultisineFit, analyse, analyse_played},
+    };
+    use rustfft::FftPlanner;
+    use std::f64::consts::TAU;
+
+    const LINES: [usize; 7] = [1, 3, 7, 9, 13, 15, 19];
+    const PLAYED: Sampling = Sampling { steps: 256, periods: 5, samples: 5000 };
+    const SHUNT_OHM: f64 = 0.01;
+    const Z_OHM: f64 = 0.02;
+    /// Of an image, V per A of its current.
+    const FACTOR_OHM: f64 = 3.0;
+
+    /// Four channels: lines of an ampere through a resistance, their images with volts of their own phase, and noise.
+    fn record(seed: u64, noise_v: f64) -> [Vec<f64>; 4] {
+        let mut rng = Rng::new(seed);
+        let (mut current, mut jig) = (vec![Complex64::ZERO; PLAYED.samples], vec![Complex64::ZERO; PLAYED.samples]);
+        for of in LINES {
+            let own = Complex64::from_polar(1.0, TAU * rng.uniform());
+            current[PLAYED.bin(of)] += own;
+            jig[PLAYED.bin(of)] += own * Z_OHM;
+            for order in 1..=2 * PLAYED.cycle() {
+                for at in PLAYED.beside(of, order) {
+                    let image = Complex64::from_polar(of as f64 / at as f64, TAU * rng.uniform());
+                    current[PLAYED.bin(at)] += image;
+                    jig[PLAYED.bin(at)] += image * FACTOR_OHM;
+                }
+            }
         }
-        proof.strange += 1;
-        if power > strongest {
-            strongest = power;
-            proof.strange_hz = bin as f64 * base_hz / periods as f64;
-            proof.strange_sigmas = (power / noise).sqrt();
+        let back = FftPlanner::new().plan_fft_inverse(PLAYED.samples);
+        [&mut current, &mut jig].into_iter().for_each(|bins| back.process(bins));
+        let mut gauss = || noise_v * ((0..12).map(|_| rng.uniform()).sum::<f64>() - 6.0);
+        let mut of = |offset_v: f64, bins: &[Complex64], factor: f64| -> Vec<f64> {
+            bins.iter().map(|value| offset_v + factor * value.re + gauss()).collect()
+        };
+        [of(0.2, &current, 0.0), of(0.2, &current, SHUNT_OHM), of(3.0, &jig, 0.0), of(3.0, &jig, 1.0)]
+    }
+
+    fn played(seed: u64, steps: usize) -> MultisineFit {
+        let volts = record(seed, 1.0e-3);
+        analyse_played(volts.each_ref().map(Vec::as_slice), 1.0e-3, (1.0, &LINES), steps).unwrap()
+    }
+
+    /// Mean square of the errors over their variance.
+    fn reduced(fits: impl Iterator<Item = MultisineFit>) -> f64 {
+        let (mut squares, mut count) = (0.0, 0.0);
+        for fit in fits {
+            for phasors in &fit.excited {
+                let point = crate::spectrum::raw_impedance(phasors, SHUNT_OHM);
+                squares += (point.z_ohm - Z_OHM).norm_sqr() / (point.covariance.re_re + point.covariance.im_im);
+                count += 1.0;
+            }
         }
+        squares / count
+    }
+
+    #[test]
+    fn what_images_put_onto_the_lines_is_in_the_variance() {
+        let without = reduced((0..30).map(|seed| {
+            let volts = record(seed, 1.0e-3);
+            analyse(volts.each_ref().map(Vec::as_slice), 1.0e-3, (1.0, &LINES)).unwrap()
+        }));
+        let with = reduced((0..30).map(|seed| played(seed, PLAYED.steps)));
+        assert!(without > 2.0, "{without}");
+        // 16 degrees of freedom of the noise.
+        assert!((0.75..1.35).contains(&with), "{with}, without {without}");
+    }
+
+    #[test]
+    fn the_record_proves_the_images_or_contradicts_them() {
+        let proven = played(1, PLAYED.steps).proof.unwrap();
+        assert!(proven.predicted > 100 && !proven.contradicts(), "{proven:?}");
+        // A generator that played other steps than the plan has.
+        let contradicted = played(1, 264).proof.unwrap();
+        assert!(contradicted.contradicts() && contradicted.strange_sigmas > 5.0, "{contradicted:?}");
     }
 }

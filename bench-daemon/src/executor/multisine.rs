@@ -215,7 +215,10 @@ impl Executor<'_> {
 fn judge_images(fit: &MultisineFit) -> Option<String> {
     let proof = fit.proof.filter(analysis::multisine::Proof::contradicts)?;
     let missing = format!("{} of {} images of the generator's steps are not where the rates put them", proof.missing, proof.predicted);
-    let strange = format!("{} lines are no images, the strongest at {:.3} Hz with {:.0} standard deviations of the noise", proof.strange, proof.strange_hz, proof.strange_sigmas);
+    let strange = format!(
+        "{} lines are no images, the strongest at {:.3} Hz with {:.0} standard deviations of the noise",
+        proof.strange, proof.strange_hz, proof.strange_sigmas
+    );
     Some(format!("{missing}; {strange}: the images on the measured lines are not known"))
 }
 

@@ -40,8 +40,7 @@ fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
     let samples = record_sizes((multisine.memory_points, multisine.record_points), periods);
     let range = ((band.range_hz.0 / band.base_hz).round() as usize, (band.range_hz.1 / band.base_hz * (1.0 + 1.0e-9)).floor() as usize);
     let path = Path { corner_hz: CORNER * band.followed_hz, loop_h: LOOP_H, skew_s: SKEW_S, pickup_h: PICKUP_H };
-    let choice =
-        Choice { steps: &steps, samples: &samples, periods, range, base_hz: band.base_hz, path, tolerated_ohm: TOLERATED_OHM };
+    let choice = Choice { steps: &steps, samples: &samples, periods, range, base_hz: band.base_hz, path, tolerated_ohm: TOLERATED_OHM };
     let as_asked = Sampling { steps: band.steps.0, periods, samples: multisine.record_points as usize };
     place(&harmonics, &choice).unwrap_or(Placement { harmonics, sampling: as_asked, worst: None })
 }
@@ -99,15 +98,8 @@ mod tests {
     use super::*;
 
     fn multisine(record_points: u64, lines: usize) -> Multisine {
-        let band = Wanted {
-            base_hz: 5.0,
-            range_hz: (15.0, 300.0),
-            lines,
-            span_s: 2.0,
-            settle_s: 5.0,
-            steps: (4096, 16_384),
-            followed_hz: 3000.0,
-        };
+        let band =
+            Wanted { base_hz: 5.0, range_hz: (15.0, 300.0), lines, span_s: 2.0, settle_s: 5.0, steps: (4096, 16_384), followed_hz: 3000.0 };
         let (memory_points, quality) = (1_000_000, None);
         Multisine { peak_a: 2.0, repeat: 1, rest_s: 0.0, bands: vec![band], memory_points, record_points, quality }
     }
