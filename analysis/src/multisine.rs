@@ -10,7 +10,13 @@
 mod analyse;
 mod crest;
 mod grid;
+mod images;
+mod placement;
+mod seen;
 
-pub use analyse::{Line, MultisineError, MultisineFit, analyse, clock_offset, nonlinear, with_distortion};
+pub use analyse::{Line, MultisineError, MultisineFit, analyse, analyse_played, clock_offset, nonlinear, with_distortion};
 pub use crest::{Design, design};
 pub use grid::odd_grid;
+pub use images::{Image, Sampling, images};
+pub use placement::{Choice, Disturbed, Path, Placement, place};
+pub use seen::Proof;

@@ -8,6 +8,10 @@ use num_complex::Complex64;
 use rustfft::FftPlanner;
 use serde::{Deserialize, Serialize};
 
+use super::{
+    images::Sampling,
+    seen::{Pairs, Proof, Seen},
+};
 use crate::spectrum::{ChannelPhasors, Covariance2, PhasorVariance, SpectrumError};
 
 /// Fewest periods: less leaves no bins between the harmonics worth the name.
@@ -57,6 +61,10 @@ pub struct MultisineFit {
     pub odd: Vec<ChannelPhasors>,
     /// Drift of each channel over the record that was taken off, V.
     pub drift_v: [f64; 4],
+    /// Variance of either part of the voltage across the jig that images of the generator's steps put onto the excited harmonics, V²; it is in their noise.
+    pub images_v2: Vec<f64>,
+    /// What the record says of the predicted images; none where nothing was said of the generator's steps.
+    pub proof: Option<Proof>,
 }
 
 /// What one excited line says besides its impedance; amplitudes are those across the jig over that of the line.
@@ -72,6 +80,9 @@ pub struct Line {
     pub odd: f64,
     /// Standard deviation that noise alone gives to either.
     pub sigma: f64,
+    /// Standard deviation of what images of the generator's steps put onto the line.
+    #[serde(default)]
+    pub images: f64,
 }
 
 impl Line {
@@ -85,7 +96,44 @@ impl Line {
 ///
 /// # Errors
 /// [`MultisineError`] for a record that is none.
-pub fn analyse(channels: [&[f64]; 4], interval_s: f64, (base_hz, harmonics): (f64, &[usize])) -> Result<MultisineFit, MultisineError> {
+pub fn analyse(channels: [&[f64]; 4], interval_s: f64, excited: (f64, &[usize])) -> Result<MultisineFit, MultisineError> {
+    analysed(channels, interval_s, excited).map(|(fit, _)| fit)
+}
+
+/// The same of what a generator plays in `steps` steps a period: what their images put onto the lines is measured beside them, and is in the noise.
+///
+/// # Errors
+/// [`MultisineError`] for a record that is none.
+pub fn analyse_played(
+    channels: [&[f64]; 4],
+    interval_s: f64,
+    (base_hz, harmonics): (f64, &[usize]),
+    steps: usize,
+) -> Result<MultisineFit, MultisineError> {
+    let (mut fit, bins) = analysed(channels, interval_s, (base_hz, harmonics))?;
+    let difference = |high: usize, low: usize| bins[high].0.iter().zip(&bins[low].0).map(|(high, low)| high - low).collect();
+    let pairs = Pairs { jig: difference(3, 2), shunt: difference(1, 0) };
+    let sampling = Sampling { steps, periods: fit.periods, samples: channels[0].len() };
+    let seen = Seen::new(&pairs, (base_hz, harmonics), sampling);
+    for phasors in [&mut fit.excited, &mut fit.even, &mut fit.odd] {
+        let at: Vec<usize> = phasors.iter().map(|p| (p.freq_hz / base_hz).round() as usize).collect();
+        for (p, v2) in phasors.iter_mut().zip(seen.onto(&at)) {
+            [2, 3].into_iter().for_each(|slot: usize| p.variance[slot].noise = p.variance[slot].noise + Covariance2::circular(0.5 * v2));
+        }
+    }
+    fit.images_v2 = seen.onto(harmonics);
+    fit.proof = Some(seen.proof);
+    Ok(fit)
+}
+
+/// Amplitudes of all bins of a channel, V, and its drift, V.
+type Bins = (Vec<Complex64>, f64);
+
+fn analysed(
+    channels: [&[f64]; 4],
+    interval_s: f64,
+    (base_hz, harmonics): (f64, &[usize]),
+) -> Result<(MultisineFit, Vec<Bins>), MultisineError> {
     let count = channels[0].len();
     if channels.iter().any(|samples| samples.len() != count) {
         return Err(MultisineError::Lengths(channels.map(<[f64]>::len)));
@@ -100,7 +148,7 @@ pub fn analyse(channels: [&[f64]; 4], interval_s: f64, (base_hz, harmonics): (f6
     if 2 * (last + 2) * whole >= count {
         return Err(MultisineError::Nyquist { nyquist_hz: 0.5 / interval_s, freq_hz: last as f64 * base_hz });
     }
-    let bins: Vec<(Vec<Complex64>, f64)> = channels.iter().map(|samples| transformed(samples, whole)).collect();
+    let bins: Vec<Bins> = channels.iter().map(|samples| transformed(samples, whole)).collect();
     let phasors = |harmonic: &usize| ChannelPhasors {
         freq_hz: *harmonic as f64 * base_hz,
         volts: [0, 1, 2, 3].map(|slot: usize| bins[slot].0[harmonic * whole]),
@@ -114,14 +162,17 @@ pub fn analyse(channels: [&[f64]; 4], interval_s: f64, (base_hz, harmonics): (f6
         found.dedup();
         found.iter().map(phasors).collect()
     };
-    Ok(MultisineFit {
+    let fit = MultisineFit {
         base_hz,
         periods: whole,
         excited: harmonics.iter().map(phasors).collect(),
         even: beside(true),
         odd: beside(false),
         drift_v: [0, 1, 2, 3].map(|slot: usize| bins[slot].1),
-    })
+        images_v2: vec![0.0; harmonics.len()],
+        proof: None,
+    };
+    Ok((fit, bins))
 }
 
 /// Amplitudes of all bins (t = 0 at sample 0), V, and the drift over the record, V.
@@ -206,7 +257,7 @@ fn rest(p: &ChannelPhasors, known: &[(f64, Complex64)]) -> (f64, f64) {
 /// straight between the excited lines over ln f; the rest is the system's.
 pub fn nonlinear(fit: &MultisineFit) -> Vec<Line> {
     let known = quotients(fit);
-    let line = |p: &ChannelPhasors| {
+    let line = |(p, image_v2): (&ChannelPhasors, &f64)| {
         let amplitude = (p.volts[3] - p.volts[2]).norm();
         let near = |lines: &[ChannelPhasors], reach: f64| {
             let close = lines.iter().filter(|other| (other.freq_hz - p.freq_hz).abs() < (reach + 0.5) * fit.base_hz);
@@ -219,13 +270,14 @@ pub fn nonlinear(fit: &MultisineFit) -> Vec<Line> {
         let own: Covariance2 = n3 + n4;
         Line {
             freq_hz: p.freq_hz,
-            noise: (own.re_re + own.im_im).sqrt() / amplitude,
+            noise: (own.re_re + own.im_im - 2.0 * image_v2).max(0.0).sqrt() / amplitude,
             even: even.0 / amplitude,
             odd: odd.0 / amplitude,
             sigma: even.1.max(odd.1).sqrt() / amplitude,
+            images: (2.0 * image_v2).sqrt() / amplitude,
         }
     };
-    fit.excited.iter().map(line).collect()
+    fit.excited.iter().zip(&fit.images_v2).map(line).collect()
 }
 
 /// How much faster the excitation's clock runs than the record's, as a share, and its standard deviation: between an early and a late part of the record, whole

@@ -43,8 +43,10 @@ pub struct Band {
     pub span_s: f64,
     /// Wait before it, s.
     pub settle_s: f64,
-    /// Steps of a period in the generator.
-    pub steps: usize,
+    /// Fewest and most steps of a period in the generator, powers of two.
+    pub steps: (usize, usize),
+    /// Up to here the bipolar supply follows, Hz.
+    pub followed_hz: f64,
 }
 
 /// As it is typed.
@@ -84,9 +86,11 @@ fn hundred_thousand() -> u64 {
     100_000
 }
 
-/// Steps of the generator in a period of the fastest line, at least. The steps are no part of the record's band; across an inductance they are spikes, which a
-/// scope that leaves out samples folds back into it: with 16 steps by some per mille of the voltage.
+/// Steps of the generator in a period of the fastest line, at least. Their images are no part of the record's band; the scope folds them back into it, and the plan
+/// chooses rates and lines so that they miss the lines.
 const STEPS_PER_PERIOD: usize = 64;
+/// Steps that are not exceeded: an SDG has no more, and to a 33500B so many go as a hundred kilobytes of text.
+const GREATEST_STEPS: usize = 16_384;
 /// Samples of the record in a period of the fastest line, at least.
 const SAMPLES_PER_PERIOD: f64 = 8.0;
 /// The scope rolls from here on, s.
@@ -172,6 +176,7 @@ impl Check<'_> {
             return Err(self.complain("multisine.record_points", format!("expected at least {needed:.0} points, found {record_points}")));
         }
         let settle_s = self.within("multisine.bands.settle", raw.settle.si, (0.0, 3600.0), "s")?;
-        Ok(Band { base_hz, range_hz: (start_hz, stop_hz), lines: raw.lines, span_s, settle_s, steps })
+        let steps = (steps, most_steps.min(GREATEST_STEPS).max(steps));
+        Ok(Band { base_hz, range_hz: (start_hz, stop_hz), lines: raw.lines, span_s, settle_s, steps, followed_hz: driven_hz })
     }
 }

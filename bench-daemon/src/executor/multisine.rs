@@ -1,7 +1,7 @@
 //! One band of a multisine: the wave goes into the generator, the scope rolls over whole periods of it, the record becomes one point per line.
 
 use analysis::{
-    multisine::{Line, MultisineFit, analyse, clock_offset, nonlinear, with_distortion},
+    multisine::{Line, MultisineFit, analyse, analyse_played, clock_offset, nonlinear, with_distortion},
     spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
 };
 use instruments::{
@@ -58,7 +58,7 @@ pub(crate) fn fit_band(band: &Band, channels: [&[f64]; 4], interval_s: f64) -> R
 }
 
 fn fit_of(band: &Band, channels: [&[f64]; 4], interval_s: f64) -> Result<MultisineFit, ExecuteError> {
-    analyse(channels, interval_s, (band.base_hz, &band.design.harmonics)).map_err(|error| failed(band, error))
+    analyse_played(channels, interval_s, (band.base_hz, &band.design.harmonics), band.steps).map_err(|error| failed(band, error))
 }
 
 impl Executor<'_> {
@@ -145,6 +145,7 @@ impl Executor<'_> {
         let (channels, interval_s) = (volts.each_ref().map(Vec::as_slice), waveforms[0].interval_s);
         warnings.extend(self.judge_clocks(band, clock_offset(channels, interval_s, excited))?);
         let fit = fit_of(band, channels, interval_s)?;
+        warnings.extend(judge_images(&fit));
         let commanded_a = band.design.amplitude * band.peak_a;
         for phasors in &fit.excited {
             self.check_line(phasors, commanded_a)?;
@@ -208,6 +209,17 @@ impl Executor<'_> {
             met: format!("{met_a:.4} A"),
         })
     }
+}
+
+/// What is said where the record does not have the images of the generator's steps where the rates put them.
+fn judge_images(fit: &MultisineFit) -> Option<String> {
+    let proof = fit.proof.filter(analysis::multisine::Proof::contradicts)?;
+    let missing = format!("{} of {} images of the generator's steps are not where the rates put them", proof.missing, proof.predicted);
+    let strange = format!(
+        "{} lines are no images, the strongest at {:.3} Hz with {:.0} standard deviations of the noise",
+        proof.strange, proof.strange_hz, proof.strange_sigmas
+    );
+    Some(format!("{missing}; {strange}: the images on the measured lines are not known"))
 }
 
 /// Standard deviation of Z by noise, over |Z|.

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use analysis::multisine::Design;
+use analysis::multisine::{Design, Disturbed};
 
 use super::minutes;
 use crate::interlock::Limits;
@@ -28,6 +28,10 @@ pub struct Band {
     pub memory_points: u64,
     /// Points downloaded per channel.
     pub record_points: u64,
+    /// Harmonics that were wanted, and those that took their place because images of the generator's steps would have fallen onto them.
+    pub moved: Vec<(usize, usize)>,
+    /// The line that images disturb most in theory; none where none falls onto any.
+    pub disturbed: Option<Disturbed>,
 }
 
 impl Band {
@@ -74,6 +78,27 @@ impl fmt::Display for Band {
             minutes(self.settle_s),
             self.periods(),
             minutes(self.span_s)
+        )?;
+        self.fmt_images(f)
+    }
+}
+
+impl Band {
+    /// What the plan says of the images of the generator's steps.
+    fn fmt_images(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let hertz = |harmonic: usize| harmonic as f64 * self.base_hz;
+        write!(f, "; {} steps and {:.0} points a period", self.steps, self.record_points as f64 / self.periods())?;
+        for (from, to) in &self.moved {
+            write!(f, ", {:.4} Hz moved to {:.4} Hz", hertz(*from), hertz(*to))?;
+        }
+        let Some(Disturbed { image, error_ohm }) = self.disturbed else { return write!(f, ", no image of a step on a line") };
+        write!(
+            f,
+            ", images of the steps on lines at most about {:.1} µΩ, on {:.4} Hz that of {:.4} Hz at {:.0} kHz",
+            1.0e6 * error_ohm,
+            hertz(image.onto),
+            hertz(image.of),
+            1.0e-3 * hertz(image.at)
         )
     }
 }

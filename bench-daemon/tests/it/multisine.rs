@@ -207,3 +207,33 @@ fn clocks_that_differ_are_told_and_refused_when_they_differ_much() {
     );
     assert!(!run(&one_branch("")).summary.contains("generator's clock"));
 }
+
+/// Seeds and frequencies at which the images of the generator's steps were twice the stated uncertainty.
+const COVERED: std::ops::Range<u64> = 11..15;
+const DISTURBED_HZ: [f64; 3] = [25.0, 45.0, 55.0];
+
+#[test]
+fn errors_are_as_large_as_they_are_stated_where_images_fell_onto_lines() {
+    let path = crate::configuration::configs().join("experiments/multisine.toml");
+    let mut squares = Vec::new();
+    for seed in COVERED {
+        let mut experiment = bench_daemon::config::load_experiment(&path, None).unwrap();
+        experiment.seed = seed;
+        (experiment.temperature, experiment.soc_reset) = (None, None);
+        experiment.multisine.as_mut().unwrap().bands.remove(0);
+        let folder = tempfile::tempdir().unwrap();
+        let finished = run_experiment(&experiment, &folder.path().join("run")).unwrap();
+        let points = &finished.measured.multisines[0].spectrum.points;
+        for (point, truth) in points.iter().zip(crate::support::truth(finished.simulation.unwrap().world(), points)) {
+            if DISTURBED_HZ.iter().any(|hz| (point.freq_hz - hz).abs() < 1.0e-6) {
+                let error = point.z_ohm - truth;
+                squares.push(error.re.powi(2) / point.covariance.re_re);
+                squares.push(error.im.powi(2) / point.covariance.im_im);
+            }
+        }
+    }
+    assert_eq!(squares.len(), 2 * DISTURBED_HZ.len() * COVERED.count(), "the lines stay where they were");
+    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+    // Of 24 squares of unit variance one mean in a thousand lies above 2.13.
+    assert!(mean < 2.13, "{mean}: {squares:.1?}");
+}

@@ -151,9 +151,9 @@ pub(super) fn named(file: &str, repeat: usize) -> String {
 }
 
 fn table(lines: &[Line]) -> String {
-    let mut text = "freq_hz,noise,even,odd,sigma\n".to_owned();
+    let mut text = "freq_hz,noise,even,odd,sigma,images\n".to_owned();
     for line in lines {
-        let _ = writeln!(text, "{},{:e},{:e},{:e},{:e}", line.freq_hz, line.noise, line.even, line.odd, line.sigma);
+        let _ = writeln!(text, "{},{:e},{:e},{:e},{:e},{:e}", line.freq_hz, line.noise, line.even, line.odd, line.sigma, line.images);
     }
     text
 }
