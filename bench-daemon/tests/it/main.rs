@@ -36,6 +36,7 @@ mod real_data;
 mod records;
 mod replay;
 mod resume;
+mod robust;
 mod safety;
 mod schema;
 mod serve;

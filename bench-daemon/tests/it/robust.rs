@@ -1,0 +1,83 @@
+//! Strange data that once ended a run or were passed over in silence: a quiet scope, a long spectrum, spectra with a wrong point, sign or σ.
+
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+use bench_daemon::command::run::run_experiment;
+use num_complex::Complex64;
+
+use crate::support::{Files, SCENARIO, truth};
+
+/// Standard uncertainty of the made spectra, Ω.
+const SIGMA_OHM: f64 = 1e-5;
+
+fn eis_bench(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_eis-bench")).args(arguments).output().unwrap()
+}
+
+fn told(arguments: &[&str]) -> String {
+    let output = eis_bench(arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// A number of spread 1 and mean 0, from a counter.
+fn noise(seed: u64) -> f64 {
+    let mix = |seed: u64| {
+        let mut x = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    };
+    // The sum of twelve even draws is normal enough here.
+    (0..12).map(|k| mix(12 * seed + k)).sum::<f64>() - 6.0
+}
+
+/// Impedance of a cell with three RC branches and an inductance, Ω.
+fn cell(freq_hz: f64, inductance_h: f64) -> Complex64 {
+    let jw = Complex64::new(0.0, std::f64::consts::TAU * freq_hz);
+    let branches = [(2e-3, 2.0), (3e-3, 30.0), (2.5e-3, 400.0)];
+    6.4e-3 + inductance_h * jw + branches.iter().map(|(r, c)| *r / (1.0 + jw * r * c)).sum::<Complex64>()
+}
+
+/// Points of the cell over a band, with noise.
+fn points(band_hz: (f64, f64), count: usize, inductance_h: f64) -> Vec<(f64, Complex64)> {
+    let at = |k: usize| {
+        let freq_hz = band_hz.0 * (band_hz.1 / band_hz.0).powf(k as f64 / (count - 1) as f64);
+        let error = Complex64::new(noise(2 * k as u64), noise(2 * k as u64 + 1)) * SIGMA_OHM;
+        (freq_hz, cell(freq_hz, inductance_h) + error)
+    };
+    (0..count).map(at).collect()
+}
+
+/// Writes a spectrum, with one σ for all parts of all points where there is one.
+fn write(folder: &Path, points: &[(f64, Complex64)], sigma_ohm: Option<f64>) -> PathBuf {
+    let mut text = format!("freq_hz,z_re_ohm,z_im_ohm{}\n", if sigma_ohm.is_some() { ",sigma_re_ohm,sigma_im_ohm" } else { "" });
+    for (freq_hz, z) in points {
+        let sigma = sigma_ohm.map_or_else(String::new, |sigma| format!(",{sigma},{sigma}"));
+        text += &format!("{freq_hz},{},{}{sigma}\n", z.re, z.im);
+    }
+    let file = folder.join("spectrum.csv");
+    std::fs::write(&file, text).unwrap();
+    file
+}
+
+#[test]
+fn the_demo_runs_behind_a_scope_of_10_and_of_1_microvolt_noise() {
+    for noise_v in ["10.0e-6", "1.0e-6"] {
+        let files = Files::demo()
+            .edit("experiments/demo.toml", "rc = [1, 2, 3, 4]", "rc = [4]")
+            .append(SCENARIO, &format!("[harness]\nnoise_floor_v = {noise_v}\nnoise_fraction = 0.0"));
+        let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
+        let spectrum = analysis::dataset::read_spectrum_csv(&files.path("run/spectrum.csv")).unwrap();
+        let truth = truth(finished.simulation.unwrap().world(), &spectrum);
+        for (point, truth) in spectrum.iter().zip(&truth) {
+            // The demo's own uncertainty: gains and skews known from its controls.
+            let off = (point.z_ohm - truth).norm() / truth.norm();
+            assert!(off < 0.005, "{noise_v} V, {} Hz: {off}", point.freq_hz);
+        }
+    }
+}
+
