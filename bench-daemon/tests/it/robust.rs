@@ -81,3 +81,16 @@ fn the_demo_runs_behind_a_scope_of_10_and_of_1_microvolt_noise() {
     }
 }
 
+#[test]
+fn a_spectrum_of_100_000_points_is_judged_within_memory_and_says_by_how_many() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write(folder.path(), &points((0.01, 1e4), 100_000, 0.0), None);
+    // 80 GB were asked for; 4 GB of addresses are enough for the program's threads and the file.
+    let command = format!("ulimit -v 4000000; exec '{}' kk '{}' --drt", env!("CARGO_BIN_EXE_eis-bench"), file.display());
+    let output = Command::new("sh").args(["-c", &command]).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("spectrum: good: valid from 0.01 Hz to 10000 Hz"), "{text}");
+    assert!(text.contains("judged by 500 of its 100000 points, evenly spaced over ln f"), "{text}");
+}
+
