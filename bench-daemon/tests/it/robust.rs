@@ -94,3 +94,12 @@ fn a_spectrum_of_100_000_points_is_judged_within_memory_and_says_by_how_many() {
     assert!(text.contains("judged by 500 of its 100000 points, evenly spaced over ln f"), "{text}");
 }
 
+#[test]
+fn a_sigma_of_zero_is_said_to_be_zero() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write(folder.path(), &points((0.05, 1000.0), 20, 0.0), Some(0.0));
+    let text = told(&["fit", file.to_str().unwrap(), "--rc", "3", "--objective", "complex"]);
+    assert!(text.contains("σ is zero at all 20 points: expected a positive σ, or nothing where it is not known"), "{text}");
+    assert!(!text.contains("only 20 of 20"), "{text}");
+}
+
