@@ -4,12 +4,14 @@ use super::cells::CellSweeps;
 use super::clusters::Clusters;
 use super::minima::{LocalMinimum, other_minima};
 use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
+use super::outliers;
 use super::problem::{Problem, impedance};
 use super::search::search;
 use super::uncertainty::{ErmSigma, Uncertainty};
 use super::warnings::warnings;
 use crate::model::{Erm, RcBranch};
 use crate::spectrum::Spectrum;
+use crate::validity::sign_remarks;
 use serde::{Deserialize, Serialize};
 
 /// A fitted model and what is known of it.
@@ -94,6 +96,7 @@ fn fit(spectra: &[Spectrum], options: &FitOptions, (clusters, starts): (&Cluster
     };
     fit.warnings = warnings(&fit, &problem, spectra, minimum.converged);
     fit.warnings.extend(clusters.remark(problem.absolute_weights));
+    fit.warnings.extend(sign_remarks(spectra).into_iter().chain(outliers::remarks(spectra, &fit.erm)));
     Ok(fit)
 }
 

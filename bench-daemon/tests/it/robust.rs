@@ -95,6 +95,24 @@ fn a_spectrum_of_100_000_points_is_judged_within_memory_and_says_by_how_many() {
 }
 
 #[test]
+fn one_wrong_sign_is_no_noise_and_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut wrong = points((0.05, 1000.0), 20, 0.0);
+    wrong[9].1.re = -wrong[9].1.re;
+    for sigma_ohm in [Some(SIGMA_OHM), None] {
+        let file = write(folder.path(), &wrong, sigma_ohm);
+        let text = told(&["fit", file.to_str().unwrap(), "--rc", "auto", "--objective", "complex"]);
+        assert!(!text.contains("residuals look like noise"), "{text}");
+        assert!(text.contains("the point at 5.45 Hz lies"), "{text}");
+        assert!(text.contains("σ off the fit to the others"), "{text}");
+    }
+    // What is right is called so, and nothing is named.
+    let file = write(folder.path(), &points((0.05, 1000.0), 20, 0.0), Some(SIGMA_OHM));
+    let text = told(&["fit", file.to_str().unwrap(), "--rc", "auto", "--objective", "complex"]);
+    assert!(text.contains("residuals look like noise") && !text.contains("off the fit to the others"), "{text}");
+}
+
+#[test]
 fn a_sigma_of_zero_is_said_to_be_zero() {
     let folder = tempfile::tempdir().unwrap();
     let file = write(folder.path(), &points((0.05, 1000.0), 20, 0.0), Some(0.0));
@@ -103,3 +121,30 @@ fn a_sigma_of_zero_is_said_to_be_zero() {
     assert!(!text.contains("only 20 of 20"), "{text}");
 }
 
+#[test]
+fn a_conjugated_spectrum_is_told_by_fit_as_by_kk() {
+    let folder = tempfile::tempdir().unwrap();
+    let conjugated: Vec<(f64, Complex64)> = points((0.05, 1000.0), 20, 0.0).into_iter().map(|(f, z)| (f, z.conj())).collect();
+    let file = write(folder.path(), &conjugated, Some(SIGMA_OHM));
+    let words = "the imaginary part has the wrong sign; with the other sign it agrees with Kramers–Kronig";
+    for arguments in [vec!["kk"], vec!["fit", "--rc", "3", "--objective", "complex"], vec!["fit", "--rc", "3"]] {
+        let text = told(&[&arguments[..], &[file.to_str().unwrap()]].concat());
+        assert!(text.contains(words), "{arguments:?}: {text}");
+    }
+    let file = write(folder.path(), &points((0.05, 1000.0), 20, 0.0), Some(SIGMA_OHM));
+    assert!(!told(&["fit", "--rc", "3", file.to_str().unwrap()]).contains("wrong sign"));
+}
+
+#[test]
+fn an_inductive_band_is_told_by_fit_and_by_kk() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write(folder.path(), &points((0.05, 5000.0), 30, 3e-7), Some(SIGMA_OHM));
+    // At 209 Hz ωL, 0.394 mΩ, is what the branches take; at the next point, 310.5 Hz, it is 0.31 mΩ more.
+    for arguments in [vec!["kk"], vec!["fit", "--rc", "3", "--objective", "complex"]] {
+        let text = told(&[&arguments[..], &[file.to_str().unwrap()]].concat());
+        assert!(text.contains("is inductive from 311 Hz on (Im Z > 0)"), "{arguments:?}: {text}");
+    }
+    let file = write(folder.path(), &points((0.05, 1000.0), 20, 0.0), Some(SIGMA_OHM));
+    assert!(!told(&["fit", "--rc", "3", file.to_str().unwrap()]).contains("inductive"));
+    assert!(!told(&["kk", file.to_str().unwrap()]).contains("inductive"));
+}
