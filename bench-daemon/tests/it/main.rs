@@ -37,6 +37,7 @@ mod records;
 mod replay;
 mod resume;
 mod robust;
+mod robust_models;
 mod safety;
 mod schema;
 mod serve;

@@ -1,0 +1,117 @@
+//! Strange loads and records in the commands that use a model: power that cannot be had, pulses that nobody saw, a slow discharge within a longer
+//! record, packs of cells with names.
+
+use std::{
+    path::Path,
+    process::{Command, Output},
+};
+
+use serde_json::Value;
+
+fn eis_bench(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_eis-bench")).current_dir(folder).args(arguments).output().unwrap()
+}
+
+fn told(folder: &Path, arguments: &[&str]) -> String {
+    let output = eis_bench(folder, arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn refusal(folder: &Path, arguments: &[&str]) -> String {
+    let output = eis_bench(folder, arguments);
+    assert_eq!(output.status.code(), Some(2), "{output:?}");
+    String::from_utf8(output.stderr).unwrap()
+}
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap()
+}
+
+/// The thesis' 4-RC model as `model.json` in a folder of its own.
+fn fitted() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let sweeps = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
+    let fit = ["fit", sweeps.to_str().unwrap(), "--pool", "--rc", "4", "--objective", "sum-abs", "--out", "p45b"];
+    assert!(eis_bench(folder.path(), &fit).status.success());
+    std::fs::rename(folder.path().join("p45b/model_4rc.json"), folder.path().join("model.json")).unwrap();
+    folder
+}
+
+#[test]
+fn the_tangent_ends_where_no_voltage_is_left_and_says_when() {
+    let folder = fitted();
+    // 400 W can be had at once (3.72²/(4·6.43 mΩ) = 538 W), but not for long.
+    std::fs::write(folder.path().join("long.txt"), "0 400\n60 400\n").unwrap();
+    for more in [vec![], vec!["--method", "thesis"]] {
+        let base = ["simulate", "--model", "model.json", "--profile", "long.txt", "--ocv-v", "3.72", "--beyond", "extrapolate", "--json"];
+        let output = eis_bench(folder.path(), &[&base[..], &more].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let found = json(&String::from_utf8(output.stdout).unwrap());
+        let number = |key: &str| found[key].as_f64().unwrap_or_else(|| panic!("{key} in {found}"));
+        assert!(number("min_ccv_v") >= 0.0 && number("max_ccv_v") < 3.72, "{more:?}: {found}");
+        assert!(number("peak_current_a") < 3.72 / 0.00643, "{more:?}: no more than a short circuit: {found}");
+        let end = &found["tangent_end"];
+        let time_s = end["time_s"].as_f64().unwrap_or_else(|| panic!("{more:?}: {found}"));
+        assert!(time_s > found["first_infeasible"]["time_s"].as_f64().unwrap() && time_s < 60.0, "{found}");
+        assert!((number("simulated_s") - time_s).abs() < 0.05, "{more:?}: the run ends there: {found}");
+        let most_w = end["available_w"].as_f64().unwrap();
+        // The tangent at 0.95 P* meets 0 V at (1 + √0.05)² = 1.497 P*.
+        assert!((250.0..270.0).contains(&most_w) && end["power_w"] == 400.0, "{end}");
+        let note = found["notes"].as_array().unwrap().iter().filter_map(Value::as_str).find(|note| note.contains("the tangent"));
+        let note = note.unwrap_or_else(|| panic!("{found}"));
+        assert!(note.contains("400.0 W were asked for") && note.contains("singular as E → 0"), "{note}");
+    }
+    // More than the tangent can answer from the first instant on.
+    std::fs::write(folder.path().join("jump.txt"), "0 100\n1 2000\n2 0\n").unwrap();
+    let found = json(&told(
+        folder.path(),
+        &["simulate", "--model", "model.json", "--profile", "jump.txt", "--ocv-v", "3.72", "--beyond", "extrapolate", "--json"],
+    ));
+    assert!((found["tangent_end"]["time_s"].as_f64().unwrap() - 1.0).abs() < 1e-6, "{found}");
+    assert!(found["min_ccv_v"].as_f64().unwrap() > 1.5 && found["feasible"] == false, "{found}");
+}
+
+/// A cell of 10 Ah, OCV 3 V + SOC · 1 V, 10 mΩ and one branch of 5 mΩ and 8 s, at 1 A with 3 A for a time every 4000 s; sampled every so often.
+fn pulsed(folder: &Path, name: &str, (sampling_s, length_s): (f64, f64)) -> String {
+    let mut text = "Test Time / s,Current / A,Voltage / V\n".to_owned();
+    let (mut v, mut drawn, mut noise) = (0.005, 0.0, 0u64);
+    let mut due = 0.0;
+    for k in 0..144_000u32 {
+        let t = 0.2 * f64::from(k);
+        let i = if t % 4000.0 >= 4000.0 - 200.0 && t % 4000.0 < 4000.0 - 200.0 + length_s { 3.0 } else { 1.0 };
+        if t >= due - 1e-6 {
+            due += sampling_s;
+            noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let jitter = 1e-4 * ((noise >> 40) as f64 / 16_777_216.0 - 0.5);
+            text.push_str(&format!("{t:.1},{},{:.6}\n", -i, 4.0 - drawn / 36_000.0 - i * 0.01 - v + jitter));
+        }
+        v = 0.005 * i + (v - 0.005 * i) * (-0.2f64 / 8.0).exp();
+        drawn += 0.2 * i;
+    }
+    std::fs::write(folder.join(name), text).unwrap();
+    name.to_owned()
+}
+
+fn spectra(folder: &Path) -> Vec<String> {
+    let one = |repeat: u32| {
+        let mut text = "freq_hz,z_re_ohm,z_im_ohm\n".to_owned();
+        for k in 0..16 {
+            let freq_hz = 0.05 * 2f64.powi(k);
+            let wt = std::f64::consts::TAU * freq_hz * 8.0;
+            let shift = 1.0 + 0.001 * f64::from((repeat * 7 + u32::try_from(k).unwrap() * 5) % 11) / 11.0;
+            let (re, im) = (0.01 + 0.005 / (1.0 + wt * wt), -0.005 * wt / (1.0 + wt * wt));
+            text.push_str(&format!("{freq_hz},{},{}\n", re * shift, im * shift));
+        }
+        let name = format!("cell0_{repeat}.csv");
+        std::fs::write(folder.join(&name), text).unwrap();
+        name
+    };
+    (0..4).map(one).collect()
+}
+
+fn joint(series: &str, rc: &str, spectra: &[String]) -> Vec<String> {
+    let base = ["joint", "--series", series, "--ocv-from", "slow.csv", "--rc", rc, "--at-v", "3.5", "--within-v", "0.45", "--spectra"];
+    base.into_iter().map(str::to_owned).chain(spectra.iter().cloned()).collect()
+}
+
