@@ -115,3 +115,41 @@ fn joint(series: &str, rc: &str, spectra: &[String]) -> Vec<String> {
     base.into_iter().map(str::to_owned).chain(spectra.iter().cloned()).collect()
 }
 
+#[test]
+fn a_record_that_saw_no_edge_has_no_pulses() {
+    let folder = tempfile::tempdir().unwrap();
+    pulsed(folder.path(), "slow.csv", (10.0, 0.0));
+    let (coarse, fine) = (pulsed(folder.path(), "coarse.csv", (10.0, 40.0)), pulsed(folder.path(), "fine.csv", (0.2, 40.0)));
+    let spectra = spectra(folder.path());
+    let arguments = |series: &str, rc: &str| -> Vec<String> { joint(series, rc, &spectra) };
+    let run = |arguments: &[String]| eis_bench(folder.path(), &arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let refused = run(&arguments(&coarse, "1"));
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2), "{said}\n{}", String::from_utf8_lossy(&refused.stdout));
+    let expected = "coarse.csv: expected samples at most 1 s apart around the edges of a pulse, met 10 s at its 7 steps of the current";
+    assert!(said.contains(expected), "{said}");
+    let taken = run(&arguments(&fine, "1"));
+    assert!(taken.status.success(), "{}", String::from_utf8_lossy(&taken.stderr));
+}
+
+#[test]
+fn an_order_that_the_data_do_not_bear_is_never_silent() {
+    let folder = tempfile::tempdir().unwrap();
+    pulsed(folder.path(), "slow.csv", (10.0, 0.0));
+    let fine = pulsed(folder.path(), "fine.csv", (0.2, 40.0));
+    let mut arguments = joint(&fine, "3", &spectra(folder.path()));
+    arguments.push("--json".to_owned());
+    let study = json(&told(folder.path(), &arguments.iter().map(String::as_str).collect::<Vec<_>>()));
+    // The cell has one branch.
+    let joint = &study["orders"][0]["joint"];
+    let not_borne: Vec<&str> = joint["not_borne"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+    let value = |branch: &Value, key: &str| branch[key].as_f64().unwrap();
+    let branches: Vec<(f64, f64)> =
+        joint["erm"]["branches"].as_array().unwrap().iter().map(|b| (value(b, "r_ohm"), value(b, "r_ohm") * value(b, "c_f"))).collect();
+    let same = branches.windows(2).any(|pair| pair[1].1 < 1.02 * pair[0].1);
+    let held = branches.iter().any(|(r_ohm, _)| *r_ohm > 0.1 / 1.02 || *r_ohm < 1.02e-6);
+    assert!(!(same || held) || !not_borne.is_empty(), "{joint}");
+    let warnings = study["warnings"].to_string();
+    assert!(not_borne.iter().all(|words| warnings.contains(words)), "{not_borne:?} {warnings}");
+}
+
