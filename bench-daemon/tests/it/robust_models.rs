@@ -153,3 +153,59 @@ fn an_order_that_the_data_do_not_bear_is_never_silent() {
     assert!(not_borne.iter().all(|words| warnings.contains(words)), "{not_borne:?} {warnings}");
 }
 
+#[test]
+fn a_slow_discharge_is_chosen_from_a_longer_record() {
+    let folder = tempfile::tempdir().unwrap();
+    // Two discharges of a cell of 1 Ah, OCV 3 V + SOC · 1 V: 2 h at 0.25 A after 3 h at 0.3 A and a rest.
+    let mut text = "Test Time / s,Current / A,Voltage / V\n".to_owned();
+    for k in 0..1800u32 {
+        let t = 10.0 * f64::from(k);
+        let (i, drawn) = match t {
+            t if t < 10_000.0 => (0.3, 0.3 * t),
+            t if t < 10_800.0 => (0.0, 0.0),
+            t => (0.25, 0.25 * (t - 10_800.0)),
+        };
+        text.push_str(&format!("{t},{},{:.6}\n", -i, 4.0 - drawn / 3600.0 - 0.01 * i));
+    }
+    std::fs::write(folder.path().join("long.csv"), text).unwrap();
+    let base = ["ocv", "long.csv", "--json", "--dcir-ohm", "0.01", "--low-v", "2.5", "--high-v", "4.0"];
+    let found = |more: &[&str]| json(&told(folder.path(), &[&base[..], more].concat()));
+    let number = |value: &Value, key: &str| value[key].as_f64().unwrap();
+    // Alone, the one with the most charge is taken.
+    assert!((number(&found(&[]), "current_a") - 0.3).abs() < 1e-6);
+    let chosen = found(&["--from", "3 h", "--to", "5h"]);
+    assert!((number(&chosen, "current_a") - 0.25).abs() < 1e-6 && (number(&chosen, "capacity_ah") - 0.499).abs() < 2e-3, "{chosen}");
+    let half = found(&["--from", "3.5 h"]);
+    assert!((number(&half, "capacity_ah") - 0.374).abs() < 2e-3, "{half}");
+    let refused = |more: &[&str]| refusal(folder.path(), &[&base[..], more].concat());
+    let said = refused(&["--from", "6 h"]);
+    assert!(said.contains("long.csv: expected at least 2 samples from 21600 s on, found 0: its times go from 0 s to 17990 s"), "{said}");
+    assert!(refused(&["--from", "3"]).contains("expected a duration with its unit, such as \"30 min\", found \"3\""));
+    assert!(refused(&["--from", "3 h", "--to", "2 h"]).contains("--from, --to: expected a window that ends after it begins"));
+}
+
+const PACK: [&str; 14] = [
+    "pack",
+    "simulate",
+    "--model",
+    "model.json",
+    "--profile",
+    "pulse.csv",
+    "--series",
+    "2",
+    "--parallel",
+    "3",
+    "--ocv-v",
+    "3.72",
+    "--max-step-s",
+    "0.05",
+];
+
+/// What is left of a report when the words on where the cells come from are taken off.
+fn outcome(text: &str) -> Value {
+    let mut report = json(text);
+    let fields = report.as_object_mut().unwrap();
+    ["seed", "spread", "cells", "means"].iter().for_each(|name| drop(fields.remove(*name)));
+    report
+}
+
