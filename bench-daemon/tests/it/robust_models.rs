@@ -209,3 +209,54 @@ fn outcome(text: &str) -> Value {
     report
 }
 
+#[test]
+fn drawn_cells_are_exported_and_give_the_same_packs_again() {
+    let folder = fitted();
+    std::fs::write(folder.path().join("pulse.csv"), "0 300\n2 0\n3 0\n").unwrap();
+    let run = |more: &[&str]| told(folder.path(), &[&PACK[..], &["--json"], more].concat());
+    let drawn = run(&["--draws", "7", "--seed", "3", "--sigma-rk", "0.02", "--export-cells", "cells.csv"]);
+    let table = std::fs::read_to_string(folder.path().join("cells.csv")).unwrap();
+    assert!(table.starts_with("draw,group,place,name,r,r1,c1,r2,c2,r3,c3,r4,c4,capacity,soc\n1,1,1,"), "{table}");
+    assert_eq!(table.lines().count(), 1 + 7 * 6, "one row for each cell of each draw");
+    let again = run(&["--cells", "cells.csv"]);
+    assert_eq!(outcome(&drawn), outcome(&again));
+    assert_eq!(json(&again)["cells"], "cells.csv");
+    // The table of a table is the table.
+    run(&["--cells", "cells.csv", "--export-cells", "again.csv"]);
+    assert_eq!(table, std::fs::read_to_string(folder.path().join("again.csv")).unwrap());
+}
+
+#[test]
+fn cells_with_names_stand_where_they_are_put_and_the_mean_is_told() {
+    let folder = fitted();
+    std::fs::write(folder.path().join("pulse.csv"), "0 300\n2 0\n3 0\n").unwrap();
+    let mut rows = "group,place,name,r,capacity\n".to_owned();
+    for (k, name) in ["A1", "A2", "A3", "B1", "B2", "weak"].iter().enumerate() {
+        let r = if *name == "weak" { "1.3" } else { "" };
+        rows += &format!("{},{},{name},{r},\n", k / 3 + 1, k % 3 + 1);
+    }
+    std::fs::write(folder.path().join("named.csv"), &rows).unwrap();
+    let text = told(folder.path(), &[&PACK[..], &["--cells", "named.csv"]].concat());
+    assert!(text.contains("in group 2"), "{text}");
+    assert!(text.contains("identical: a pack of 6 cells as --model has them"), "{text}");
+    assert!(text.contains("part of the mean: over the current of the pack divided by its 3 cells in parallel"), "{text}");
+    assert!(text.contains("mean over the table's cells: r 1.05000"), "{text}");
+    assert!(text.contains("its cells: B1, B2, weak"), "{text}");
+    // A cell may have a model of its own.
+    let models = rows.replace("name,r,", "name,model,r,").replace(",weak,1.3,", ",weak,model.json,1.3,").replace("A1,,", "A1,,,");
+    let models = models.replace("A2,,", "A2,,,").replace("A3,,", "A3,,,").replace("B1,,", "B1,,,").replace("B2,,", "B2,,,");
+    std::fs::write(folder.path().join("models.csv"), models).unwrap();
+    let run = |table: &str| outcome(&told(folder.path(), &[&PACK[..], &["--json", "--cells", table]].concat()));
+    assert_eq!(run("named.csv"), run("models.csv"));
+    let refused = |text: &str| {
+        std::fs::write(folder.path().join("bad.csv"), text).unwrap();
+        refusal(folder.path(), &[&PACK[..], &["--cells", "bad.csv"]].concat())
+    };
+    assert!(
+        refused(&rows.replace("2,3,weak", "2,2,weak")).contains("bad.csv, line 7: expected each place once, found group 2, place 2 again")
+    );
+    assert!(refused(&rows.replace("1.3", "-1")).contains("bad.csv, line 7, r: expected a factor above 0, or nothing for 1, found \"-1\""));
+    assert!(refused(&rows.replace("2,3,weak", "3,1,weak")).contains("bad.csv, line 7, group: expected a number from 1 to 2, found \"3\""));
+    let short = rows.lines().take(6).collect::<Vec<_>>().join("\n");
+    assert!(refused(&short).contains("bad.csv: expected 6 cells for 2S3P, found 5: group 2, place 3 is empty"));
+}
