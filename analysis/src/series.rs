@@ -99,6 +99,21 @@ impl TimeSeries {
         (0..self.len()).map(step).collect()
     }
 
+    /// The samples from one time to another, both included, s in the record's own time.
+    #[must_use]
+    pub fn between(&self, from_s: f64, to_s: f64) -> Self {
+        let first = self.time_s.partition_point(|t| *t < from_s);
+        let last = self.time_s.partition_point(|t| *t <= to_s).max(first);
+        let part = |values: &[f64]| values[first..last].to_vec();
+        Self {
+            name: self.name.clone(),
+            time_s: part(&self.time_s),
+            current_a: part(&self.current_a),
+            voltage_v: part(&self.voltage_v),
+            temperature_c: self.temperature_c.as_deref().map(part),
+        }
+    }
+
     /// The longest stretch (in charge) in which the current keeps the sign of `direction` (+1 discharge, −1 charge) and is above a tenth of the
     /// largest current of that sign; empty where there is none.
     pub fn longest_stretch(&self, direction: f64) -> Range<usize> {
@@ -131,6 +146,14 @@ mod tests {
         let n = current_a.len();
         let time_s = (0..n).map(|k| 2.0 * k as f64).collect();
         TimeSeries { name: "s".to_owned(), time_s, current_a, voltage_v: vec![3.7; n], temperature_c: None }
+    }
+
+    #[test]
+    fn a_window_holds_its_ends_and_may_be_empty() {
+        let s = series(vec![0.0, 1.0, 2.0, 3.0]);
+        assert_eq!(s.between(2.0, 4.0).current_a, [1.0, 2.0]);
+        assert_eq!(s.between(f64::NEG_INFINITY, f64::INFINITY), s);
+        assert!(s.between(2.5, 3.0).is_empty() && s.between(9.0, 12.0).is_empty());
     }
 
     #[test]

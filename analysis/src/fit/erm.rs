@@ -4,6 +4,7 @@ use super::cells::CellSweeps;
 use super::clusters::Clusters;
 use super::minima::{LocalMinimum, other_minima};
 use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
+use super::outliers;
 use super::problem::Problem;
 use super::search::search;
 use super::storage::{ChargeStorage, Fitted, carry, charge_storage, settle_noise};
@@ -11,6 +12,7 @@ use super::uncertainty::{ErmSigma, Uncertainty};
 use super::warnings::warnings;
 use crate::model::{Erm, RcBranch};
 use crate::spectrum::{OcvSlope, Spectrum};
+use crate::validity::sign_remarks;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
@@ -107,6 +109,7 @@ fn fit(spectra: &[Spectrum], options: &FitOptions, (clusters, starts): (&Cluster
     };
     fit.warnings = warnings(&fit, &problem, spectra, minimum.converged);
     fit.warnings.extend(clusters.remark(problem.absolute_weights));
+    fit.warnings.extend(sign_remarks(spectra).into_iter().chain(outliers::remarks(spectra, &fit.erm)));
     Ok(fit)
 }
 

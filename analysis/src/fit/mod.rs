@@ -20,6 +20,7 @@ mod local;
 mod minima;
 mod options;
 mod order;
+mod outliers;
 mod problem;
 mod profile;
 mod projection;

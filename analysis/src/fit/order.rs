@@ -8,6 +8,7 @@
 use super::cells::{CellSweeps, cell_means};
 use super::erm::{ErmFit, fit_erm};
 use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
+use super::outliers::one_stands_out;
 use super::problem::Problem;
 use super::stats::{f_tail, normal_tail};
 use super::verdict::{for_other_cells, judge};
@@ -55,6 +56,12 @@ pub struct OrderRow {
     /// Parameters that are at a bound in at least half of the cells.
     #[serde(default)]
     pub held_by_bounds: Vec<String>,
+    /// χ² per degree of freedom; none where the noise is not known.
+    #[serde(default)]
+    pub reduced_chi2: Option<f64>,
+    /// Of at least one cell a residual stands out of the others.
+    #[serde(default)]
+    pub stands_out: bool,
     /// Parameters that are at a bound or uncertain by more than 50 % in at least half of the cells.
     pub unidentified: Vec<String>,
 }
@@ -128,8 +135,8 @@ fn row(means: &[Spectrum], options: &OrderOptions, rc: usize, freedom_within: Op
     let chi2: f64 = fits.iter().map(|f| f.objective).sum();
     let numbers: usize = fits.iter().map(|f| 2 * f.points).sum();
     let parameters = fits.len() * options.parameter_count();
-    let lags: Vec<Lag1> =
-        means.iter().zip(&fits).filter_map(|(m, f)| lag1(&Problem::new(std::slice::from_ref(m), Objective::Complex), f)).collect();
+    let problems: Vec<Problem> = means.iter().map(|m| Problem::new(std::slice::from_ref(m), Objective::Complex)).collect();
+    let lags: Vec<Lag1> = problems.iter().zip(&fits).filter_map(|(p, f)| lag1(p, f)).collect();
     let count = lags.len() as f64;
     let freedom = numbers.saturating_sub(parameters) as f64;
     let absolute = fits.iter().all(|f| f.reduced_chi2.is_some());
@@ -146,6 +153,8 @@ fn row(means: &[Spectrum], options: &OrderOptions, rc: usize, freedom_within: Op
         left_out_cell: None,
         left_out_change: None,
         held_by_bounds: held_by_bounds(&fits),
+        reduced_chi2: (absolute && freedom > 0.0).then_some(chi2 / freedom),
+        stands_out: problems.iter().zip(&fits).any(|(p, f)| one_stands_out(p, &f.erm)),
         unidentified: unidentified(&fits),
     })
 }

@@ -1,6 +1,7 @@
 //! One recommended order out of the rows of [`super::order`], with reasons in words.
 
 use super::order::OrderRow;
+use super::warnings::HIGH_CHI2;
 use std::cmp::Ordering;
 
 /// Lower orders whose criterion is within this of the best are not told from it: odds of about one to four and a half.
@@ -77,15 +78,30 @@ fn f_test(rows: &[OrderRow], tested: usize) -> String {
     }
 }
 
+/// Residuals are noise where neighbours are not alike *and* their size is that of the noise: one wrong point leaves no waves either.
 fn whiteness(rows: &[OrderRow]) -> Option<String> {
-    let white = rows.iter().find(|r| r.whiteness_p.is_some_and(|p| p >= LEVEL));
-    match white {
+    let of_size = |r: &&OrderRow| !r.stands_out && r.reduced_chi2.is_none_or(|chi2| chi2 <= HIGH_CHI2);
+    let white = || rows.iter().filter(|r| r.whiteness_p.is_some_and(|p| p >= LEVEL));
+    match white().find(of_size) {
+        None if white().next().is_some() => white().next_back().map(too_large),
         Some(r) => Some(format!("residuals look like noise over ln f from {} RC on (p = {})", r.rc, small(r.whiteness_p?))),
         None if rows.iter().any(|r| r.whiteness_p.is_some()) => Some(
             "residuals keep waves over ln f at every order: something other than RC branches, or noise common to neighbours".to_owned(),
         ),
         None => None,
     }
+}
+
+/// Of residuals without waves that are too large for noise.
+fn too_large(r: &OrderRow) -> String {
+    let size = match r.reduced_chi2.filter(|chi2| *chi2 > HIGH_CHI2) {
+        Some(chi2) => format!("are {:.3} times the stated uncertainty (reduced χ² {chi2:.3})", chi2.sqrt()),
+        None => "hold one that stands out of the others".to_owned(),
+    };
+    format!(
+        "residuals keep no waves over ln f, but with {} RC they {size}: this is no noise; look for points that are off and for a σ that is stated too small",
+        r.rc
+    )
 }
 
 fn lack_of_fit(rows: &[OrderRow]) -> Option<String> {

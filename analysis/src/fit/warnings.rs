@@ -11,7 +11,7 @@ const NEAR_BOUND: f64 = 1.02;
 /// Relative sigma above which a parameter counts as not identified.
 const UNIDENTIFIED: f64 = 0.5;
 /// Reduced χ² above which the model misses the data or the uncertainty is understated.
-const HIGH_CHI2: f64 = 2.0;
+pub(super) const HIGH_CHI2: f64 = 2.0;
 
 pub(crate) fn warnings(fit: &ErmFit, problem: &Problem, spectra: &[Spectrum], converged: bool) -> Vec<String> {
     let mut found = Vec::new();
@@ -21,12 +21,8 @@ pub(crate) fn warnings(fit: &ErmFit, problem: &Problem, spectra: &[Spectrum], co
     at_bounds(fit, &mut found);
     not_identified(fit, &mut found);
     outside_the_band(fit, problem, &mut found);
-    let known = spectra.iter().flat_map(|s| &s.points).filter(|p| p.covariance.re_re.is_finite()).count();
-    if fit.objective_kind == Objective::Complex && !problem.absolute_weights && known > 0 {
-        found.push(format!(
-            "only {known} of {} points have a usable covariance: all residuals were weighted relative to |Z| instead",
-            fit.points
-        ));
+    if fit.objective_kind == Objective::Complex && !problem.absolute_weights {
+        found.extend(no_weights(spectra));
     }
     if let Some(chi2) = fit.reduced_chi2.filter(|c| *c > HIGH_CHI2) {
         found.push(format!(
@@ -35,6 +31,21 @@ pub(crate) fn warnings(fit: &ErmFit, problem: &Problem, spectra: &[Spectrum], co
         ));
     }
     found
+}
+
+/// Why stated uncertainties were not used; nothing where none are stated.
+fn no_weights(spectra: &[Spectrum]) -> Option<String> {
+    const INSTEAD: &str = "all residuals were weighted relative to |Z| instead";
+    let covariances = || spectra.iter().flat_map(|s| &s.points).map(|p| &p.covariance);
+    let points = covariances().count();
+    let zero = covariances().filter(|c| c.re_re == 0.0 || c.im_im == 0.0).count();
+    let usable = covariances().filter(|c| c.re_re > 0.0 && c.im_im > 0.0).count();
+    let place = if zero == points { format!("all {points}") } else { format!("{zero} of {points}") };
+    match (zero, usable) {
+        (0, 0) => None,
+        (0, _) => Some(format!("only {usable} of {points} points have a usable covariance: {INSTEAD}")),
+        _ => Some(format!("σ is zero at {place} points: expected a positive σ, or nothing where it is not known; {INSTEAD}")),
+    }
 }
 
 /// One parameter by its name in the thesis.

@@ -97,6 +97,21 @@ impl Drive {
         }
     }
 
+    /// The tangent has come down to a voltage that no load can hold, zero or less: there is no answer. With E it goes on to any negative voltage, for its
+    /// slope is −R/(cE).
+    pub(super) fn is_past_tangent(&self, e_v: f64, reply: &Reply) -> bool {
+        self.demand == Demand::Power
+            && matches!(self.beyond, Beyond::Extrapolate { .. })
+            && reply.infeasible
+            && e_v <= self.r_ohm * reply.current_a
+    }
+
+    /// The current at E under a demand, and whether the tangent has no answer to it; then it is that of the most power there is.
+    pub(super) fn reply_or_most(&self, e_v: f64, demand: f64) -> (Reply, bool) {
+        let reply = self.reply(e_v, demand);
+        if self.is_past_tangent(e_v, &reply) { (self.root(e_v, demand), true) } else { (reply, false) }
+    }
+
     /// On the curve, or as much as there is.
     fn root(&self, e: f64, p: f64) -> Reply {
         let r = self.r_ohm;

@@ -29,7 +29,7 @@ pub use profile::{Interpolation, Profile, ProfileError, ReadOptions};
 pub use scale::{ScaleBound, ScaleLimit, ScaleOptions, largest_scale};
 pub use sensitivity::{Jacobian, Sensitivity, SensitivityRow, StepOptions, sensitivity, step_with_jacobian};
 pub use simulate::{Method, SimOptions, Simulation, simulate};
-pub use trace::{Infeasible, Summary, TRACE_BRANCHES, Trace, write_trace_parquet};
+pub use trace::{Infeasible, Summary, TRACE_BRANCHES, TangentEnd, Trace, write_trace_parquet};
 
 #[cfg(test)]
 mod tests;

@@ -188,7 +188,8 @@ struct Attempt {
     middle: SimState,
     end: SimState,
     error_v: f64,
-    infeasible: bool,
+    /// The run stops within the step.
+    stops: bool,
 }
 
 impl Run<'_> {
@@ -206,23 +207,26 @@ impl Run<'_> {
         if !e_v.is_finite() || (power && e_v <= 0.0) {
             return Err(ForwardError::Collapsed { time_s, e_v });
         }
-        let reply = self.mover.drive.reply(e_v, demand);
+        let (reply, past_tangent) = self.mover.drive.reply_or_most(e_v, demand);
         let (current_a, ccv_v) = (reply.current_a, e_v - self.mover.drive.r_ohm * reply.current_a);
         let demand_w = if power { demand } else { ccv_v * current_a };
         let available_w = self.mover.drive.available_w(e_v);
-        Ok(Point { time_s, demand_w, current_a, ccv_v, ocv_v, available_w, infeasible: reply.infeasible })
+        Ok(Point { time_s, demand_w, current_a, ccv_v, ocv_v, available_w, infeasible: reply.infeasible, past_tangent })
     }
 
     /// A collapse after power that could not be had is the end of the run, not an error.
     fn ended(&mut self, go: impl FnOnce(&mut Self) -> Result<Option<Point>, ForwardError>) -> Result<Option<Point>, ForwardError> {
         match go(self) {
-            Err(ForwardError::Collapsed { .. }) if !self.book.feasible() => Ok(None),
+            Err(ForwardError::Collapsed { time_s, .. }) if !self.book.feasible() => {
+                self.book.emptied(time_s, self.options.beyond);
+                Ok(None)
+            }
             other => other,
         }
     }
 
-    fn stops(&self, infeasible: bool) -> bool {
-        infeasible && self.options.beyond == Beyond::Stop
+    fn stops(&self, point: &Point) -> bool {
+        point.past_tangent || (point.infeasible && self.options.beyond == Beyond::Stop)
     }
 
     /// One piece by explicit Euler; none when the run stops in it.
@@ -231,7 +235,7 @@ impl Run<'_> {
         let step_s = piece.step_s / count as f64;
         let mut before = start;
         for done in 1..=count {
-            if self.stops(before.infeasible) {
+            if self.stops(&before) {
                 return Ok(None);
             }
             let at = |done: u64| piece.from + (piece.to - piece.from) * (done as f64 / count as f64);
@@ -240,7 +244,7 @@ impl Run<'_> {
             self.book.held(&before, step_s, (&from, &self.state));
             before = self.look(piece.from_s + step_s * done as f64, at(done))?;
         }
-        Ok((!self.stops(before.infeasible)).then_some(before))
+        Ok((!self.stops(&before)).then_some(before))
     }
 
     /// One piece with error control; none when the run stops in it.
@@ -250,7 +254,7 @@ impl Run<'_> {
         let whole = 1u64 << DEEPEST;
         let (mut done, mut before) = (0u64, start);
         while done < whole {
-            if self.stops(before.infeasible) {
+            if self.stops(&before) {
                 return Ok(None);
             }
             // A sub-step of a level begins at a multiple of its length.
@@ -261,7 +265,7 @@ impl Run<'_> {
             let (t0, t1) = (part(done), part(done + (whole >> self.level)));
             let attempt = self.attempt(piece, (t0, t1), tolerance_v)?;
             let at = |part: f64| (piece.from_s + part * piece.step_s, piece.from + part * (piece.to - piece.from));
-            let mut good = attempt.error_v <= tolerance_v && !self.stops(attempt.infeasible);
+            let mut good = attempt.error_v <= tolerance_v && !attempt.stops;
             let mut seen = None;
             if good || self.level + 1 >= DEEPEST {
                 let (middle, after) = (self.point(at(0.5 * (t0 + t1)), &attempt.middle)?, self.point(at(t1), &attempt.end)?);
@@ -284,7 +288,7 @@ impl Run<'_> {
                 self.level -= 1;
             }
         }
-        Ok((!self.stops(before.infeasible)).then_some(before))
+        Ok((!self.stops(&before)).then_some(before))
     }
 
     fn attempt(&mut self, piece: &Piece, (t0, t1): (f64, f64), tolerance_v: f64) -> Result<Attempt, ForwardError> {
@@ -300,6 +304,13 @@ impl Run<'_> {
             mover.step(short, (&middle, &mut end), (d1, d2)),
         ];
         let infeasible = ends.iter().any(|e| e.start.infeasible || e.end.infeasible);
+        let power = mover.drive.demand == Demand::Power;
+        let stops = infeasible
+            && match self.options.beyond {
+                Beyond::Stop => true,
+                Beyond::Clamp => false,
+                Beyond::Extrapolate { .. } => power && ends.iter().any(|e| e.least_ccv_v <= 0.0),
+            };
         let ocv = |s: &SimState| mover.model.ocv_v(s.soc).0;
         let apart: f64 = end.v_rc_v.iter().zip(&once.v_rc_v).map(|(a, b)| (a - b).abs()).sum();
         let mean_a = |e: &Ends| 0.5 * (e.start.current_a + e.end.current_a);
@@ -313,8 +324,7 @@ impl Run<'_> {
             *better += (*better - rough) / 3.0;
         }
         end.soc += (end.soc - once.soc) / 3.0;
-        let power = mover.drive.demand == Demand::Power;
         let collapsed = ends.iter().any(|e| e.least_e_v.is_nan() || (power && e.least_e_v <= 0.0));
-        Ok(Attempt { middle, end, error_v: if collapsed { f64::INFINITY } else { error_v }, infeasible })
+        Ok(Attempt { middle, end, error_v: if collapsed { f64::INFINITY } else { error_v }, stops })
     }
 }

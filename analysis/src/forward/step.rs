@@ -49,6 +49,8 @@ pub(super) struct Ends {
     pub(super) end: Reply,
     /// The lower of the voltages behind the series resistance, V.
     pub(super) least_e_v: f64,
+    /// The lower of the voltages at the terminals, V.
+    pub(super) least_ccv_v: f64,
 }
 
 /// A model under a drive.
@@ -82,7 +84,8 @@ impl<'m> Mover<'m> {
             *new = g.decay * old + g.start * i0 + g.end * i1;
         }
         to.soc = from.soc - 0.5 * c.step_s * (i0 + i1) / self.capacity_c;
-        Ends { start, end, least_e_v: e0.min(e1) }
+        let ccv_v = |e_v: f64, reply: &Reply| e_v - self.drive.r_ohm * reply.current_a;
+        Ends { start, end, least_e_v: e0.min(e1), least_ccv_v: ccv_v(e0, &start).min(ccv_v(e1, &end)) }
     }
 
     /// The thesis' three steps (equations 4.5–4.10) for any number of branches: explicit Euler on the charges.

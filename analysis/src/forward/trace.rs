@@ -1,5 +1,6 @@
 //! What a simulation leaves: its trace over time and the figures of the whole run.
 
+use super::law::Beyond;
 use super::limits::CellWindow;
 use super::model::{OcvSource, SimModel, SimState};
 use crate::dataset::{self, ColumnSpec, DatasetError};
@@ -39,6 +40,17 @@ pub struct Infeasible {
     /// Power asked for at its start, W.
     pub power_w: f64,
     /// Power that could be had there, W: E²/4R.
+    pub available_w: f64,
+}
+
+/// Where the tangent of [`super::Beyond::Extrapolate`] had no voltage left: the run ended there.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TangentEnd {
+    /// When, s.
+    pub time_s: f64,
+    /// Power asked for, W.
+    pub power_w: f64,
+    /// The most that could be had, W: E²/4R.
     pub available_w: f64,
 }
 
@@ -83,6 +95,8 @@ pub struct Summary {
     pub feasible: bool,
     /// Where it could not.
     pub infeasible: Vec<Infeasible>,
+    /// Where the tangent ended, and the run with it.
+    pub tangent_end: Option<TangentEnd>,
     /// Time of the last row of the trace less that of the first row of the profile, s.
     pub simulated_s: f64,
     /// Sub-steps made.
@@ -99,6 +113,8 @@ pub(super) struct Point {
     pub(super) ocv_v: f64,
     pub(super) available_w: f64,
     pub(super) infeasible: bool,
+    /// The tangent has no voltage for the demand: the most power there is stands for it, and the run ends.
+    pub(super) past_tangent: bool,
 }
 
 /// Keeps the books of a run.
@@ -135,6 +151,7 @@ impl<'m> Book<'m> {
             soc_max: None,
             feasible: true,
             infeasible: Vec::new(),
+            tangent_end: None,
             simulated_s: 0.0,
             steps: 0,
         };
@@ -166,6 +183,9 @@ impl<'m> Book<'m> {
             (false, true, Some(open)) => open.until_s = p.time_s,
             _ => {}
         }
+        if p.past_tangent && s.tangent_end.is_none() {
+            s.tangent_end = Some(TangentEnd { time_s: p.time_s, power_w: p.demand_w, available_w: p.available_w });
+        }
         self.within = p.infeasible;
         s.feasible &= !p.infeasible;
     }
@@ -173,6 +193,14 @@ impl<'m> Book<'m> {
     /// True while all power asked for could be had.
     pub(super) fn feasible(&self) -> bool {
         self.summary.feasible
+    }
+
+    /// Nothing was left behind the series resistance at a time, under a power: the tangent ended with it.
+    pub(super) fn emptied(&mut self, time_s: f64, beyond: Beyond) {
+        let open = self.summary.infeasible.last().map(|last| last.power_w).filter(|_| matches!(beyond, Beyond::Extrapolate { .. }));
+        if let (Some(power_w), None) = (open, self.summary.tangent_end) {
+            self.summary.tangent_end = Some(TangentEnd { time_s, power_w, available_w: 0.0 });
+        }
     }
 
     /// Adds a row to the trace.

@@ -98,9 +98,9 @@ pub struct JointFit {
     pub covariance: Option<Vec<Vec<f64>>>,
     /// Starts that ended at this minimum, of all.
     pub starts: (usize, usize),
-    /// Parameters that stand at a bound.
+    /// Branches that the data do not bear: those that stand at a bound, and two with one time constant, which are one.
     #[serde(default)]
-    pub held_by_bounds: Vec<String>,
+    pub not_borne: Vec<String>,
     /// What a user must know.
     pub warnings: Vec<String>,
 }
@@ -133,7 +133,7 @@ pub fn fit_joint(input: &JointInput<'_>, options: &JointOptions) -> Result<Joint
     let best = found.iter().find(|m| m.value <= lowest).ok_or(JointError::TooFew { rc: options.rc, parameters, numbers })?;
     let mut fit = describe(&likelihood, &ordered(&best.x), (&bounds, parameters)).ok_or(JointError::Order { met: options.rc })?;
     fit.starts = (same, found.len());
-    fit.held_by_bounds = held_by_bounds(&fit.erm, options);
+    fit.not_borne = not_borne(&fit.erm, &options.bounds);
     fit.warnings = warnings(&fit, input, (best, options));
     Ok(fit)
 }
@@ -146,17 +146,19 @@ pub fn fit_spectra(spectrum: &PooledSpectrum, options: &JointOptions) -> Result<
     fit_joint(&JointInput { spectrum, windows: &[] }, options)
 }
 
-/// The order of least corrected information criterion (AICc, Hurvich and Tsai, 1989), χ² scaled by the best order's reduced χ² where that exceeds one. An
-/// order with a parameter at a bound is chosen only where every order has one.
+/// The order of least corrected information criterion (AICc, Hurvich and Tsai, 1989), χ² scaled by the best order's reduced χ² where that exceeds one. Orders
+/// with branches that the data do not bear come only where all have such.
 pub fn choose_order(fits: &[JointFit]) -> Option<usize> {
     let scale = fits.iter().map(|f| f.reduced_chi2).fold(f64::INFINITY, f64::min).max(1.0);
     let criterion = |f: &JointFit| {
         let (k, n) = (f.erm.parameter_count() as f64, (f.spectrum_chi2.1 + f.pulses_chi2.1) as f64);
         (f.spectrum_chi2.0 + f.pulses_chi2.0) / scale + 2.0 * k + 2.0 * k * (k + 1.0) / (n - k - 1.0).max(1.0)
     };
-    let free: Vec<&JointFit> = fits.iter().filter(|fit| fit.held_by_bounds.is_empty()).collect();
-    let eligible = if free.is_empty() { fits.iter().collect() } else { free };
-    eligible.into_iter().min_by(|a, b| criterion(a).total_cmp(&criterion(b))).map(|f| f.erm.branches.len())
+    let borne = fits.iter().any(|f| f.not_borne.is_empty());
+    fits.iter()
+        .filter(|f| !borne || f.not_borne.is_empty())
+        .min_by(|a, b| criterion(a).total_cmp(&criterion(b)))
+        .map(|f| f.erm.branches.len())
 }
 
 impl JointFit {
@@ -260,24 +262,37 @@ fn describe(likelihood: &Likelihood<'_>, x: &[f64], (bounds, parameters): (&[(f6
         reduced_chi2,
         covariance,
         starts: (0, 0),
-        held_by_bounds: Vec::new(),
+        not_borne: Vec::new(),
         warnings: Vec::new(),
         erm,
     })
 }
 
-/// A value this near to a bound, as a ratio, counts as held by it.
-const NEAR_BOUND: f64 = 1.02;
+/// A parameter this near to a bound, or two time constants this near to each other (as a ratio), count as there.
+const NEAR: f64 = 1.02;
 
-fn is_near(value: f64, (low, high): (f64, f64)) -> bool {
-    value <= low * NEAR_BOUND || value >= high / NEAR_BOUND
-}
-
-/// Names of the parameters that stand at a bound.
-fn held_by_bounds(erm: &Erm, options: &JointOptions) -> Vec<String> {
-    let branches = erm.branches.iter().flat_map(|b| [(b.r_ohm, options.bounds.r_ohm), (b.c_f, options.bounds.c_f)]);
-    let values = std::iter::once((erm.r_ohm, options.bounds.r_ohm)).chain(branches);
-    erm.parameter_names().into_iter().zip(values).filter(|(_, (value, bounds))| is_near(*value, *bounds)).map(|(name, _)| name).collect()
+/// Branches at a bound, and pairs of branches that are one.
+pub(super) fn not_borne(erm: &Erm, bounds: &Bounds) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut held = |name: String, value: f64, (lo, hi): (f64, f64), unit: &str| {
+        if value <= lo * NEAR || value >= hi / NEAR {
+            found.push(format!("{name} is at one of its bounds ({value:.3e} {unit}): the data do not bear its branch"));
+        }
+    };
+    for (k, branch) in erm.branches.iter().enumerate() {
+        held(format!("R{}", k + 1), branch.r_ohm, bounds.r_ohm, "Ω");
+        held(format!("C{}", k + 1), branch.c_f, bounds.c_f, "F");
+    }
+    let tau_s = erm.time_constants_s();
+    for (k, pair) in tau_s.windows(2).enumerate().filter(|(_, pair)| pair[1] <= NEAR * pair[0]) {
+        found.push(format!(
+            "branches {} and {} have one time constant ({:.3e} s): they are one branch, the data bear one less",
+            k + 1,
+            k + 2,
+            pair[0]
+        ));
+    }
+    found
 }
 
 fn warnings(fit: &JointFit, input: &JointInput<'_>, (best, options): (&Minimum, &JointOptions)) -> Vec<String> {
@@ -292,13 +307,18 @@ fn warnings(fit: &JointFit, input: &JointInput<'_>, (best, options): (&Minimum, 
             fit.reduced_chi2
         ));
     }
+    found.extend(fit.not_borne.iter().cloned());
+    let near = |v: f64, (lo, hi): (f64, f64)| v <= lo * NEAR || v >= hi / NEAR;
     let names = fit.erm.parameter_names();
     let sigmas = fit.sigma.branches.iter().flat_map(|b| [b.r_ohm, b.c_f]);
     let values = fit.erm.branches.iter().flat_map(|b| [(b.r_ohm, options.bounds.r_ohm), (b.c_f, options.bounds.c_f)]);
     let all = std::iter::once(((fit.erm.r_ohm, options.bounds.r_ohm), fit.sigma.r_ohm)).chain(values.zip(sigmas));
     for (name, ((value, bounds), sigma)) in names.iter().zip(all) {
-        if is_near(value, bounds) {
-            found.push(format!("{name} is at one of its bounds ({value:.3e})"));
+        if near(value, bounds) {
+            // Of a branch it is said already.
+            if name == "R" {
+                found.push(format!("{name} is at one of its bounds ({value:.3e} Ω)"));
+            }
         } else if let Some(relative) = sigma.map(|s| s / value).filter(|r| *r > 0.5) {
             found.push(format!("{name} is not identified by the data: its standard uncertainty is {:.0} %", 100.0 * relative));
         }

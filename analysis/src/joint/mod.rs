@@ -23,7 +23,7 @@ pub use fit::{JointError, JointFit, JointInput, JointOptions, choose_order, fit_
 pub use gap::{Gap, GapAt, Source, gaps, overlay};
 pub use noise::NoiseModel;
 pub use pooled::{PooledError, PooledPoint, PooledSpectrum};
-pub use pulse::{Apparent, Pulse, PulseOptions, apparent, find_pulses};
+pub use pulse::{Apparent, Pulse, PulseOptions, SLOWEST_EDGE_S, apparent, find_pulses};
 pub use response::{step_resistance_ohm, step_resistance_sigma_ohm};
 pub use study::{OrderResult, PulseResult, Role, Study, StudyError, StudyInput, StudyOptions, TIMES_S, study};
 pub use window::{PulseWindow, WindowOptions};

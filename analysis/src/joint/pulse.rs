@@ -51,6 +51,24 @@ impl Pulse {
     }
 }
 
+/// Samples next to an edge may be so far apart at most, s: the shortest pulse that counts ([`PulseOptions::default`]). In a slower record a pulse and a change of
+/// the load look alike, and the series resistance and the fast branches, which answer within that time, cannot be told apart.
+pub const SLOWEST_EDGE_S: f64 = 1.0;
+
+impl Pulse {
+    /// Longest time between neighbouring samples from before to after an edge, s.
+    pub fn sampling_s(&self, series: &TimeSeries) -> f64 {
+        let edges = [(self.before.end, self.during.start), (self.during.end, self.after.start)];
+        let gaps = edges.into_iter().flat_map(|(last, first)| series.time_s[last - 1..=first].windows(2));
+        gaps.map(|pair| pair[1] - pair[0]).fold(0.0, f64::max)
+    }
+
+    /// The record shows its edges; a file's times may be rounded.
+    pub fn is_seen(&self, series: &TimeSeries) -> bool {
+        self.sampling_s(series) <= SLOWEST_EDGE_S * (1.0 + 1e-6)
+    }
+}
+
 /// Finds the pulses of a series, in their order. Pulses without enough steady current around them are left out.
 pub fn find_pulses(series: &TimeSeries, options: &PulseOptions) -> Vec<Pulse> {
     let largest = series.current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));

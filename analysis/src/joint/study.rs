@@ -5,7 +5,7 @@ use super::fit::{JointError, JointFit, JointInput, JointOptions, choose_order, f
 use super::gap::{Gap, Source, gaps, overlay};
 use super::noise::NoiseModel;
 use super::pooled::{PooledError, PooledSpectrum};
-use super::pulse::{PulseOptions, find_pulses};
+use super::pulse::{Pulse, PulseOptions, SLOWEST_EDGE_S, find_pulses};
 use super::window::{PulseWindow, WindowOptions};
 use crate::formats::SourcedSpectrum;
 use crate::ocv::{OcvCurve, REST_SIGMA_V, SLOPE_SHARE};
@@ -129,6 +129,19 @@ pub enum StudyError {
         /// Their OCVs.
         at: String,
     },
+    /// Steps of the current whose edges nobody saw.
+    #[error(
+        "{series}: expected samples at most {SLOWEST_EDGE_S} s apart around the edges of a pulse, met {met_s} s at its {count} steps of the current: they tell \
+         nothing of the first second; record the pulses faster (0.1 s shows all), or use the record as a slow discharge, for --ocv-from"
+    )]
+    Unseen {
+        /// Name of the series.
+        series: String,
+        /// Shortest time between the samples next to an edge, s.
+        met_s: f64,
+        /// Number of such steps.
+        count: usize,
+    },
     /// No steady stretch to measure the noise on.
     #[error("{series}: expected a stretch of steady current of at least 256 samples before a pulse to measure the noise on, met none")]
     NoBaseline {
@@ -167,7 +180,7 @@ pub fn study(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Study, P
         spectra.iter_mut().for_each(|one| one.spectrum = one.spectrum.less_charge_storage(slope));
     }
     let pooled = PooledSpectrum::new(&spectra)?;
-    let (windows, noise) = windows(input, options)?;
+    let (windows, noise, unseen) = windows(input, options)?;
     let role = |w: &PulseWindow| {
         let inside = |w: &&PulseWindow| (w.ocv_v - options.ocv_window_v.0).abs() <= options.ocv_window_v.1;
         if !inside(&w) {
@@ -222,12 +235,26 @@ pub fn study(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Study, P
             options.ocv_window_v.0
         ),
     });
+    study.warnings.extend(unseen);
     Ok((study, pooled))
 }
 
-fn windows(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Vec<PulseWindow>, NoiseModel), StudyError> {
-    let pulses = find_pulses(input.series, &PulseOptions::default());
+/// The pulses' windows and their noise, with a word on the pulses that were left out.
+fn windows(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Vec<PulseWindow>, NoiseModel, Option<String>), StudyError> {
+    let (pulses, unseen): (Vec<Pulse>, Vec<Pulse>) =
+        find_pulses(input.series, &PulseOptions::default()).into_iter().partition(|pulse| pulse.is_seen(input.series));
     let series = input.series.name.clone();
+    let met_s = unseen.iter().map(|pulse| pulse.sampling_s(input.series)).fold(f64::INFINITY, f64::min);
+    if pulses.is_empty() && !unseen.is_empty() {
+        return Err(StudyError::Unseen { series, met_s, count: unseen.len() });
+    }
+    let left_out = (!unseen.is_empty()).then(|| {
+        format!(
+            "{series}: {} of {} pulses were left out: the samples next to their edges are {met_s} s apart or more, expected at most {SLOWEST_EDGE_S} s",
+            unseen.len(),
+            unseen.len() + pulses.len()
+        )
+    });
     if pulses.is_empty() {
         let (low, high) = (options.ocv_window_v.0 - options.ocv_window_v.1, options.ocv_window_v.0 + options.ocv_window_v.1);
         return Err(StudyError::NoPulses { series, low, high, met: 0, at: "no OCV".to_owned() });
@@ -235,7 +262,7 @@ fn windows(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Vec<PulseW
     let noise = NoiseModel::measure(input.series, &pulses).ok_or(StudyError::NoBaseline { series })?;
     let window = |(k, p)| PulseWindow::new((input.series, &noise, input.curve), (k + 1, p), options.dcir_ohm, &WindowOptions::default());
     let windows = pulses.into_iter().enumerate().filter_map(window).collect();
-    Ok((windows, noise))
+    Ok((windows, noise, left_out))
 }
 
 fn pulses(source: &Source<'_>, (windows, roles): (&[PulseWindow], &[Role]), study: &Study) -> Vec<PulseResult> {

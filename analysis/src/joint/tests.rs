@@ -1,5 +1,6 @@
+use super::fit::not_borne;
 use super::*;
-use crate::fit::Rng;
+use crate::fit::{Bounds, Rng};
 use crate::formats::{Origin, SeriesOptions, SourcedSpectrum, read_series, read_sourced};
 use crate::model::{Erm, RcBranch};
 use crate::ocv::{OcvCurve, OcvOptions, extract};
@@ -246,6 +247,45 @@ fn pulses_without_steady_current_around_them_are_left_out() {
     assert_eq!((pulse.before.end, pulse.during.clone(), pulse.after.start), (200, 201..220, 220));
     assert_eq!((pulse.current_a, pulse.edges_s[0]), ([0.0, 2.0, 0.0], (99.5, 100.5)));
     assert!(find_pulses(&series, &PulseOptions { before_s: 200.0, ..PulseOptions::default() }).is_empty());
+}
+
+#[test]
+fn a_pulse_is_seen_where_its_record_has_a_sample_a_second() {
+    let current = |t: f64| if (200.0..240.0).contains(&t) { 2.0 } else { 0.0 };
+    let seen = |sampling_s: f64| {
+        let count = (400.0 / sampling_s) as usize;
+        let time_s: Vec<f64> = (0..count).map(|k| sampling_s * k as f64).collect();
+        let current_a = time_s.iter().map(|t| current(*t)).collect();
+        let series = TimeSeries { name: "s".to_owned(), voltage_v: vec![3.7; count], time_s, current_a, temperature_c: None };
+        let found = find_pulses(&series, &PulseOptions::default());
+        assert_eq!(found.len(), 1, "{sampling_s} s");
+        (found[0].is_seen(&series), found[0].sampling_s(&series))
+    };
+    assert!(seen(0.1).0 && seen(1.0).0);
+    assert_eq!((seen(2.0), seen(10.0)), ((false, 2.0), (false, 10.0)));
+}
+
+#[test]
+fn an_order_that_the_data_do_not_bear_is_named_and_not_chosen() {
+    let bounds = Bounds { r_ohm: (1e-5, 0.1), c_f: (0.01, 1e6) };
+    let erm = |branches: &[(f64, f64)]| Erm {
+        r_ohm: R,
+        branches: branches.iter().map(|(r_ohm, c_f)| RcBranch { r_ohm: *r_ohm, c_f: *c_f }).collect(),
+    };
+    assert!(not_borne(&truth(), &bounds).is_empty());
+    let words = not_borne(&erm(&[(0.001, 10.0), (0.1, 1e5), (0.1, 1e5)]), &bounds);
+    let said = |words: &[String], text: &str| words.iter().any(|w| w.contains(text));
+    assert!(said(&words, "R2 is at one of its bounds (1.000e-1 Ω)") && said(&words, "R3 is at one of its bounds"), "{words:?}");
+    assert!(said(&words, "branches 2 and 3 have one time constant (1.000e4 s): they are one branch"), "{words:?}");
+    assert_eq!(words.len(), 3);
+    let pooled = PooledSpectrum::new(&sweeps(1)).unwrap();
+    let one = fit_spectra(&pooled, &JointOptions { rc: 1, starts: 4, ..JointOptions::default() }).unwrap();
+    let more = JointFit { erm: truth(), spectrum_chi2: (1.0, one.spectrum_chi2.1), ..one.clone() };
+    assert_eq!(choose_order(&[one.clone(), more.clone()]), Some(3));
+    let double = JointFit { not_borne: words, ..more };
+    assert_eq!(choose_order(&[one.clone(), double.clone()]), Some(1));
+    // Where no order is borne the best is taken, and its warnings say so.
+    assert_eq!(choose_order(&[JointFit { not_borne: vec!["R1".to_owned()], ..one }, double]), Some(3));
 }
 
 #[test]

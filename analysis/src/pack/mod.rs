@@ -10,7 +10,7 @@ mod scatter;
 mod sizing;
 
 pub use heat::{Hold, ThermalMass};
-pub use scatter::{BandRow, Draws, Outcome, Percentiles, Scatter, ScatterSetup, Spread, scatter};
+pub use scatter::{BandRow, Draws, Outcome, Percentiles, PlacedCell, Scatter, ScatterSetup, Spread, drawn_cells, scatter, scatter_cells};
 pub use sizing::{OperatingPoint, PeakLimit, SimpleIr, Sizing, SizingInput, check_window};
 
 use crate::model::{Erm, ModelError, RcBranch};

@@ -3,8 +3,11 @@
 //! Resistances, capacitances and capacities are drawn per cell, the state of charge per group: cells in parallel rest at one voltage, hence at one
 //! state of charge. Factors are log-normal, so that none is negative. Equal seeds give equal draws on any number of cores.
 
+mod cells;
 mod outcome;
 
+pub use cells::{PlacedCell, drawn_cells};
+use cells::{check_packs, draw};
 pub use outcome::{Outcome, Percentiles};
 
 use super::network::{Cell, Network, Wiring};
@@ -50,31 +53,12 @@ impl Spread {
             None => Ok(()),
         }
     }
-
-    fn draw(&self, setup: &ScatterSetup<'_>, rng: &mut Rng) -> Vec<Cell> {
-        let mut cells = Vec::new();
-        for _ in 0..setup.pack.series {
-            let soc = setup.soc + self.soc * normal(rng);
-            for _ in 0..setup.pack.parallel {
-                let mut factor = |sigma: f64| (sigma * normal(rng)).exp();
-                let (all, capacity_ratio) = (factor(self.r), factor(self.capacity));
-                let mut erm = setup.cell.clone();
-                erm.r_ohm *= all;
-                for branch in &mut erm.branches {
-                    branch.r_ohm *= all * factor(self.rk);
-                    branch.c_f *= factor(self.ck);
-                }
-                cells.push(Cell { erm, capacity_ratio, soc });
-            }
-        }
-        cells
-    }
 }
 
 /// What is simulated.
 #[derive(Debug, Clone, Copy)]
 pub struct ScatterSetup<'a> {
-    /// The mean cell.
+    /// The cell that all others are factors of.
     pub cell: &'a Erm,
     /// Open-circuit voltage of a cell.
     pub ocv: &'a OcvSource,
@@ -154,27 +138,49 @@ impl Scatter {
 pub fn scatter(setup: &ScatterSetup<'_>, spread: &Spread, draws: Draws) -> Result<Scatter, PackError> {
     check(setup)?;
     spread.check()?;
-    let (cells, count) = (f64::from(setup.pack.series) * f64::from(setup.pack.parallel), draws.draws as f64);
+    bounds(setup, draws.draws)?;
+    let mut rng = Rng::new(draws.seed);
+    let seeds: Vec<u64> = (0..draws.draws).map(|_| rng.next_u64()).collect();
+    Ok(each(setup, seeds.len(), &|k| draw(spread, setup, &mut Rng::new(seeds[k]))))
+}
+
+/// Runs the profile through packs whose cells are given, group by group.
+///
+/// # Errors
+/// [`PackError`] for a pack, cells or numbers that cannot be.
+pub fn scatter_cells(setup: &ScatterSetup<'_>, packs: &[Vec<PlacedCell>]) -> Result<Scatter, PackError> {
+    check(setup)?;
+    bounds(setup, packs.len())?;
+    check_packs(setup, packs)?;
+    Ok(each(setup, packs.len(), &|k| packs[k].clone()))
+}
+
+/// Refuses more packs or cells than fit.
+fn bounds(setup: &ScatterSetup<'_>, draws: usize) -> Result<(), PackError> {
+    let (cells, count) = (setup.pack.cells(), draws as f64);
     let bounds = [
         ("cells of the pack, S·P", "at most 1e5", cells, cells <= MOST_CELLS),
         ("number of draws", "from 1 to 1e5", count, (1.0..=MOST_DRAWS).contains(&count)),
         ("cells of all draws, S·P times draws", "at most 1e8", cells * count, cells * count <= MOST_DRAWN),
     ];
-    if let Some((what, expected, met, _)) = bounds.into_iter().find(|(.., fits)| !fits) {
-        return Err(PackError::Value { what, expected, met });
+    match bounds.into_iter().find(|(.., fits)| !fits) {
+        Some((what, expected, met, _)) => Err(PackError::Value { what, expected, met }),
+        None => Ok(()),
     }
+}
+
+/// Runs the profile through so many packs and through one of identical cells.
+fn each(setup: &ScatterSetup<'_>, packs: usize, pack: &(dyn Fn(usize) -> Vec<PlacedCell> + Sync)) -> Scatter {
     let pieces = pieces(setup.profile, setup.max_step_s);
-    let mut rng = Rng::new(draws.seed);
-    let (identical, all) = run(setup, &Spread::NONE.draw(setup, &mut rng.clone()), &pieces, &|_| true);
+    let cells = |placed: Vec<PlacedCell>| placed.iter().map(|cell| cell.cell(setup.cell)).collect::<Vec<Cell>>();
+    let alike = cells(draw(&Spread::NONE, setup, &mut Rng::new(0)));
+    let (identical, all) = run(setup, &alike, &pieces, &|_| true);
     let kept = telling(&all);
     let line: Vec<Instant> = all.into_iter().zip(&kept).filter(|(_, kept)| **kept).map(|(instant, _)| instant).collect();
     let halved = self::pieces(setup.profile, 0.5 * pieces.iter().fold(0.0, |longest, p| p.step_s.max(longest)));
-    let (finer, _) = run(setup, &Spread::NONE.draw(setup, &mut rng.clone()), &halved, &|_| false);
-    let seeds: Vec<u64> = (0..draws.draws).map(|_| rng.next_u64()).collect();
-    let runs: Vec<(Outcome, Vec<Instant>)> = seeds
-        .par_iter()
-        .map(|&seed| run(setup, &spread.draw(setup, &mut Rng::new(seed)), &pieces, &|k| kept.get(k) == Some(&true)))
-        .collect();
+    let (finer, _) = run(setup, &alike, &halved, &|_| false);
+    let runs: Vec<(Outcome, Vec<Instant>)> =
+        (0..packs).into_par_iter().map(|k| run(setup, &cells(pack(k)), &pieces, &|k| kept.get(k) == Some(&true))).collect();
     let bands = line.iter().enumerate().map(|(k, instant)| {
         // A draw that broke down early has no later instants.
         let all = |which: fn(&Instant) -> f64| Percentiles::of(runs.iter().filter_map(|r| r.1.get(k)).map(which));
@@ -188,7 +194,7 @@ pub fn scatter(setup: &ScatterSetup<'_>, spread: &Spread, draws: Draws) -> Resul
     });
     let bands = bands.filter(|row| row.lowest_v.p50.is_finite()).collect();
     let step_error_v = (identical.min_cell_v - finer.min_cell_v).abs();
-    Ok(Scatter { identical, bands, step_error_v, outcomes: runs.into_iter().map(|r| r.0).collect() })
+    Scatter { identical, bands, step_error_v, outcomes: runs.into_iter().map(|r| r.0).collect() }
 }
 
 fn check(setup: &ScatterSetup<'_>) -> Result<(), PackError> {

@@ -18,6 +18,9 @@ const MAX_STEPS: usize = 40;
 const LONGEST_STEP: f64 = 1.0;
 /// A step below this part of the frequency's standard deviation changes nothing that matters.
 const SETTLED: f64 = 1e-4;
+/// Steps after which the weights of the channels stay as they are. The bound on the quantisation's error is the greatest of some trials and jumps with the
+/// frequency: weights that follow it leave steps that never end where channels of a quiet scope ask for different frequencies. Others settle before.
+const WEIGHED_ANEW: usize = 8;
 /// Rounding of the step, rad at the ends of the record.
 const ROUNDING: f64 = 1e-12;
 
@@ -214,9 +217,13 @@ impl Task<'_> {
         let half_record = std::f64::consts::PI * self.record.interval_s * samples(self.record) as f64;
         let mut freq_hz = start_hz;
         let mut step_hz = f64::NAN;
+        let mut weights = Vec::new();
         for steps in 1..=MAX_STEPS {
             let state = self.evaluate(freq_hz)?;
-            let (step, sigma) = state.step(self)?;
+            if steps <= WEIGHED_ANEW {
+                weights = state.weights(self);
+            }
+            let (step, sigma) = state.step(self, &weights)?;
             step_hz = step.clamp(-LONGEST_STEP, LONGEST_STEP) / half_record;
             if step.abs() < (SETTLED * sigma).max(ROUNDING).max(4.0 * f64::EPSILON * half_record * freq_hz) {
                 return Ok(state.into_fit(self, Some(sigma / half_record), steps));
@@ -237,17 +244,23 @@ fn lsb(channel: &Channel<'_>) -> Option<f64> {
 }
 
 impl State {
+    /// Weight of each channel in the step of the frequency.
+    fn weights(&self, task: &Task<'_>) -> Vec<f64> {
+        let weight = |solved: &Solved| {
+            let power = solved.beta[0].powi(2) + solved.beta[1].powi(2);
+            // Without the floor, channels that the model fits to the last digit would be weighed by their rounding errors.
+            1.0 / (solved.variance(rad_per_sample(self.freq_hz, task.record)) + 1e-24 * power + f64::MIN_POSITIVE)
+        };
+        self.channels.iter().map(weight).collect()
+    }
+
     /// Step of the frequency and its standard deviation, as phase at the ends of the record, rad.
-    fn step(&self, task: &Task<'_>) -> Result<(f64, f64), SineError> {
+    fn step(&self, task: &Task<'_>, weights: &[f64]) -> Result<(f64, f64), SineError> {
         let (mut curvature, mut slope) = (0.0, 0.0);
-        for solved in &self.channels {
+        for (solved, weight) in self.channels.iter().zip(weights) {
             let derivative = self.derivative(&solved.beta, task.plan);
             let sums = (&solved.moments.gram, solved.moments.right.as_slice());
             let (own_curvature, own_slope) = linear::frequency_step(sums, &solved.normal, &solved.beta, &derivative);
-            let power = solved.beta[0].powi(2) + solved.beta[1].powi(2);
-            let variance = solved.variance(rad_per_sample(self.freq_hz, task.record));
-            // Without the floor, channels that the model fits to the last digit would be weighed by their rounding errors.
-            let weight = 1.0 / (variance + 1e-24 * power + f64::MIN_POSITIVE);
             curvature += weight * own_curvature;
             slope += weight * own_slope;
         }

@@ -4,6 +4,7 @@ use super::kramers_kronig::{KramersKronig, kramers_kronig};
 use super::linearity::{Harmonic, Linearity, amplitude, linearity};
 use super::noise::Noise;
 use super::stationarity::{Drift, Stationarity, stationarity};
+use super::thin::{remark, thinned};
 use super::verdict::{Findings, SpectrumVerdict, verdict};
 use super::z_hit::{ZHit, z_hit};
 use super::{ValidityError, same_grid};
@@ -46,12 +47,18 @@ pub struct Assessment {
 }
 
 /// Judges the spectra of one cell, given in order of time. Those on the grid and at the amplitude of the first are its repeats; those at other amplitudes show whether
-/// the cell is linear. Records may be few or none.
+/// the cell is linear. Records may be few or none. Of a spectrum with more than [`super::MOST_POINTS`] points so many are judged, and its verdict says so.
 ///
 /// # Errors
 /// [`ValidityError`] for a spectrum that is none or too short.
 pub fn assess(spectra: &[Spectrum], records: &[Record]) -> Result<Assessment, ValidityError> {
     spectra.iter().try_for_each(Spectrum::validate)?;
+    if spectra.iter().any(|s| thinned(s).is_some()) {
+        let judged: Vec<Spectrum> = spectra.iter().map(|s| thinned(s).unwrap_or_else(|| s.clone())).collect();
+        let mut assessment = assess(&judged, records)?;
+        assessment.spectra.iter_mut().zip(spectra).for_each(|(assessed, whole)| tell(assessed, whole));
+        return Ok(assessment);
+    }
     let noises: Vec<Noise> = spectra.iter().map(|s| Noise::of(s, spectra)).collect::<Result<_, _>>()?;
     let alike = |s: &Spectrum| {
         let (a, b) = (amplitude(s), spectra.first().map_or(f64::NAN, amplitude));
@@ -70,11 +77,20 @@ pub fn assess(spectra: &[Spectrum], records: &[Record]) -> Result<Assessment, Va
             linearity: linearity.as_ref().filter(|_| on_grid(spectrum)),
             stationarity: stationarity.as_ref().filter(|_| alike(spectrum)),
             records,
+            spectrum,
         };
         Ok(Assessed { name: spectrum.name.clone(), verdict: verdict(&findings), kramers_kronig, z_hit })
     };
     let judged = spectra.iter().zip(&noises).map(judge).collect::<Result<_, ValidityError>>()?;
     Ok(Assessment { spectra: judged, linearity, stationarity })
+}
+
+/// Says of a spectrum by how many of its points it was judged.
+fn tell(assessed: &mut Assessed, whole: &Spectrum) {
+    let judged = assessed.kramers_kronig.points.len();
+    if judged < whole.points.len() {
+        assessed.verdict.text += &remark(judged, whole.points.len());
+    }
 }
 
 /// Judges one spectrum by a noise that is known of it, such as an estimate of few degrees of freedom.
@@ -85,6 +101,6 @@ pub fn assess_by(spectrum: &Spectrum, noise: &Noise) -> Result<Assessed, Validit
     spectrum.validate()?;
     let kramers_kronig = kramers_kronig(spectrum, noise)?;
     let z_hit = z_hit(spectrum, noise, &kramers_kronig);
-    let findings = Findings { kk: &kramers_kronig, z_hit: &z_hit, linearity: None, stationarity: None, records: &[] };
+    let findings = Findings { kk: &kramers_kronig, z_hit: &z_hit, linearity: None, stationarity: None, records: &[], spectrum };
     Ok(Assessed { name: spectrum.name.clone(), verdict: verdict(&findings), kramers_kronig, z_hit })
 }

@@ -9,9 +9,11 @@ mod kramers_kronig;
 mod ladder;
 mod linearity;
 mod noise;
+mod signs;
 mod smooth;
 mod stationarity;
 pub(crate) mod tail;
+mod thin;
 mod verdict;
 mod z_hit;
 
@@ -19,7 +21,9 @@ pub use assess::{Assessed, Assessment, Record, assess, assess_by};
 pub use kramers_kronig::{FEWEST_POINTS, KkOutcome, KkPoint, KramersKronig, kramers_kronig};
 pub use linearity::{Harmonic, Linearity, LinearityPoint, beyond_noise, linearity};
 pub use noise::{FEWEST_REPEATS, Noise, NoiseSource};
+pub use signs::{inductive_from_hz, sign_remarks, wrong_sign_remarks};
 pub use stationarity::{Drift, DriftShape, Stationarity, StationarityPoint, stationarity};
+pub use thin::{MOST_POINTS, thinned};
 pub use verdict::{Grade, PointVerdict, SpectrumVerdict};
 pub use z_hit::{ZHit, ZHitPoint, z_hit};
 

@@ -4,10 +4,12 @@ use super::assess::Record;
 use super::kramers_kronig::{KkOutcome, KkPoint, KramersKronig};
 use super::linearity::{Linearity, beyond_noise};
 use super::noise::NoiseSource;
+use super::signs::{WRONG_SIGN, inductive};
 use super::stationarity::Stationarity;
 use super::z_hit::ZHit;
 use super::{DOUBTFUL_RATE, FALSE_ALARM_RATE};
 use crate::brief::brief;
+use crate::spectrum::Spectrum;
 use serde::Serialize;
 use std::fmt;
 
@@ -78,6 +80,7 @@ pub(super) struct Findings<'a> {
     pub(super) linearity: Option<&'a Linearity>,
     pub(super) stationarity: Option<&'a Stationarity>,
     pub(super) records: &'a [Record],
+    pub(super) spectrum: &'a Spectrum,
 }
 
 impl PointVerdict {
@@ -225,7 +228,7 @@ fn nothing_valid(kk: &KramersKronig) -> String {
         return "not valid: the real part is negative: leads reversed? (Kramers–Kronig cannot see it)".to_owned();
     }
     if kk.outcome == KkOutcome::SignSwapped {
-        return "not valid: the imaginary part has the wrong sign; with the other sign it agrees with Kramers–Kronig".to_owned();
+        return format!("not valid: {WRONG_SIGN}");
     }
     let named = |w: &KkPoint| format!(", worst at {} Hz with {:.2} % ({:.0} σ)", short(w.freq_hz), w.percent(), w.sigmas);
     let worst = kk.worst().map_or_else(String::new, named);
@@ -263,6 +266,9 @@ fn text(findings: &Findings<'_>, points: &[PointVerdict], band: Option<(f64, f64
     }
     if differ > 0 {
         text += &format!("; its repeats differ by more than noise at {differ} frequencies");
+    }
+    if let Some(words) = inductive(&findings.spectrum.points).filter(|_| kk.outcome != KkOutcome::SignSwapped) {
+        text += &format!("; {words}");
     }
     text
 }

@@ -13,7 +13,7 @@ use analysis::{
     plot,
     report::Figure,
     spectrum::Spectrum,
-    validity::{Assessed, Assessment, Grade, Linearity, Noise, NoiseSource, Record, Stationarity, assess},
+    validity::{Assessed, Assessment, Grade, Linearity, Noise, NoiseSource, Record, Stationarity, assess, thinned},
 };
 use serde::Serialize;
 
@@ -143,6 +143,8 @@ fn read(args: &KkArgs) -> Result<Vec<(String, Vec<Spectrum>)>, Failure> {
 
 fn group(cell: String, measured: Vec<Spectrum>, records: &[Record], with_drt: bool) -> Result<Group, Failure> {
     let assessment = assess(&measured, records).map_err(|error| Failure::Usage(error.to_string()))?;
+    // What is drawn and distributed is what was judged.
+    let measured: Vec<Spectrum> = measured.into_iter().map(|spectrum| thinned(&spectrum).unwrap_or(spectrum)).collect();
     let distribution = |spectrum: &Spectrum| {
         let noise = Noise::of(spectrum, &measured).map_err(|error| Failure::Usage(error.to_string()))?;
         let drt = drt(spectrum, &noise).map_err(|error| Failure::Usage(error.to_string()))?;

@@ -11,6 +11,7 @@ use analysis::{
 };
 
 use crate::command::Failure;
+use crate::config::quantity::{Duration, Quantity};
 use crate::terminal::say;
 
 /// Points per trace of a plot.
@@ -24,9 +25,21 @@ pub struct OcvArgs {
     /// A slow discharge: the thesis' cycler CSV, BDF (CSV or Parquet), the bench's own series.
     #[arg(value_name = "FILE")]
     pub discharge: PathBuf,
+    /// Begin of the discharge in a longer record, by its own time, such as "2 h" or "900 s".
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub from: Option<f64>,
+    /// End of the discharge, such as "10 h".
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub to: Option<f64>,
     /// A charge (may be the same file): half the difference of both directions.
     #[arg(long, value_name = "FILE")]
     pub charge: Option<PathBuf>,
+    /// Begin of the charge in its record.
+    #[arg(long, value_name = "TIME", value_parser = duration, requires = "charge")]
+    pub charge_from: Option<f64>,
+    /// End of the charge.
+    #[arg(long, value_name = "TIME", value_parser = duration, requires = "charge")]
+    pub charge_to: Option<f64>,
     /// The mean of both directions as the curve, for a cell with hysteresis.
     #[arg(long, requires = "charge")]
     pub mean: bool,
@@ -58,8 +71,12 @@ pub struct OcvArgs {
 /// # Errors
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn ocv(args: &OcvArgs) -> Result<(), Failure> {
-    let discharge = read(&args.discharge, args.positive)?;
-    let charge = args.charge.as_deref().map(|path| read(path, args.positive)).transpose()?;
+    let discharge = within(&read(&args.discharge, args.positive)?, (args.from, args.to), ("--from", "--to"))?;
+    let charge = |path: &Path| {
+        let whole = read(path, args.positive)?;
+        within(&whole, (args.charge_from, args.charge_to), ("--charge-from", "--charge-to"))
+    };
+    let charge = args.charge.as_deref().map(charge).transpose()?;
     let limits_v = (args.low_v, args.high_v);
     let options = OcvOptions { dcir_ohm: args.dcir_ohm, limits_v, polynomial: args.poly, mean: args.mean, ..OcvOptions::default() };
     let found = extract(&discharge, charge.as_ref(), &options).map_err(|error| Failure::Usage(error.to_string()))?;
@@ -78,6 +95,33 @@ pub fn ocv(args: &OcvArgs) -> Result<(), Failure> {
         say!("written to {}", folder.display());
     }
     Ok(())
+}
+
+fn duration(text: &str) -> Result<f64, String> {
+    Quantity::<Duration>::parse(text).map(|duration| duration.si)
+}
+
+/// The part of a record that a window chooses, s in the record's own time.
+fn within(series: &TimeSeries, (from, to): (Option<f64>, Option<f64>), names: (&str, &str)) -> Result<TimeSeries, Failure> {
+    let (from_s, to_s) = (from.unwrap_or(f64::NEG_INFINITY), to.unwrap_or(f64::INFINITY));
+    if from_s >= to_s {
+        return Err(Failure::Usage(format!(
+            "{}, {}: expected a window that ends after it begins, found {from_s} s to {to_s} s",
+            names.0, names.1
+        )));
+    }
+    let part = series.between(from_s, to_s);
+    if part.len() >= 2 {
+        return Ok(part);
+    }
+    let window = match (from, to) {
+        (Some(from_s), Some(to_s)) => format!("from {from_s} s to {to_s} s"),
+        (Some(from_s), None) => format!("from {from_s} s on"),
+        _ => format!("up to {to_s} s"),
+    };
+    let (first, last) = (series.time_s.first().unwrap_or(&0.0), series.time_s.last().unwrap_or(&0.0));
+    let (name, found) = (&series.name, part.len());
+    Err(Failure::Usage(format!("{name}: expected at least 2 samples {window}, found {found}: its times go from {first} s to {last} s")))
 }
 
 /// A time series as a command names it.

@@ -1,5 +1,6 @@
 //! `eis-bench pack simulate`: a profile through packs of cells that differ.
 
+mod cells;
 mod picture;
 
 use std::path::{Path, PathBuf};
@@ -9,7 +10,7 @@ use analysis::{
     forward::{CellWindow, OcvSource, Profile},
     given::GivenModel,
     model::Erm,
-    pack::{Draws, Outcome, Pack, Percentiles, Scatter, ScatterSetup, Spread, scatter},
+    pack::{Draws, Outcome, Pack, Percentiles, PlacedCell, Scatter, ScatterSetup, Spread, scatter, scatter_cells},
 };
 use clap::Args;
 use serde::Serialize;
@@ -25,7 +26,11 @@ use crate::terminal::say;
 const HELP: &str = "\
 Draws many packs of cells that differ a little, runs the profile through each, and tells how the worst cells fare. Cells in parallel share a
 voltage, so that the one with the smallest resistance takes the largest current; groups in series share the current, so that the weakest group
-reaches a limit first. Compare with the line `identical`, a pack of equal cells.
+reaches a limit first. Compare with the column `identical`, a pack of cells that are all as --model has them.
+
+--cells takes the cells from a CSV table instead: group and place (from 1), and any of name, model (a model file beside the table), r (factor of
+all resistances), r1, c1, r2, ... (factors of one branch, instead of r), capacity (factor), soc, draw (several packs). What is empty is as
+--model has it. --export-cells writes such a table of the cells that were drawn: given back by --cells it repeats the run exactly.
 
 --sigma-r is the spread of a cell's resistances all together; its default, 0.8 %, is what the thesis' 25 sweeps of P45B cells show, and that of
 the capacitances is taken from there. How much capacities and states of charge differ nobody measured here: the 0.5 % are an assumption.
@@ -39,7 +44,7 @@ Example:
 #[derive(Debug, Args)]
 #[command(after_help = HELP)]
 pub struct PackSimulateArgs {
-    /// The mean cell.
+    /// The cell that the others are factors of.
     #[command(flatten)]
     pub model: ModelArgs,
     /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is wanted.
@@ -69,6 +74,12 @@ pub struct PackSimulateArgs {
     /// Open-circuit voltage of a cell at the start, V; stays so where the model has no OCV curve.
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub ocv_v: Option<f64>,
+    /// A table of cells with their places, instead of drawing them.
+    #[arg(long, value_name = "CSV", conflicts_with_all = ["draws", "seed", "sigma_r", "sigma_rk", "sigma_ck", "sigma_capacity", "sigma_soc"])]
+    pub cells: Option<PathBuf>,
+    /// Write the cells of all packs as such a table.
+    #[arg(long, value_name = "CSV")]
+    pub export_cells: Option<PathBuf>,
     /// Packs to draw.
     #[arg(long, value_name = "N", default_value_t = 1000)]
     pub draws: usize,
@@ -122,9 +133,16 @@ struct PackReport {
     ocv_v: f64,
     soc: Option<f64>,
     window: CellWindow,
-    #[serde(flatten)]
-    draws: Draws,
-    spread: Spread,
+    /// Number of packs.
+    draws: usize,
+    /// Seed of the draws; none where the cells were given.
+    seed: Option<u64>,
+    /// None where the cells were given.
+    spread: Option<Spread>,
+    /// The table that the cells are from.
+    cells: Option<PathBuf>,
+    /// Of what the figures are means.
+    means: cells::Means,
     /// Share of the packs of which a cell leaves the window or that cannot deliver.
     leaving_probability: f64,
     /// Its 95 % interval.
@@ -134,6 +152,8 @@ struct PackReport {
     identical: Outcome,
     /// The draw with the lowest cell.
     worst: Option<Outcome>,
+    /// Its number, from 1.
+    worst_draw: Option<usize>,
     min_cell_v: Percentiles,
     max_cell_v: Percentiles,
     margin_low_v: Percentiles,
@@ -171,10 +191,15 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
         thermal: args.thermal.mass(),
         max_step_s: args.max_step_s.unwrap_or_else(|| (profile.duration_s() / 2000.0).max(1e-3)),
     };
-    let spread = Spread { r: args.sigma_r, rk: args.sigma_rk, ck: args.sigma_ck, capacity: args.sigma_capacity, soc: args.sigma_soc };
+    let spread = spread(args);
     let draws = Draws { draws: args.draws, seed: args.seed };
-    let met = scatter(&setup, &spread, draws).map_err(|error| usage(&error))?;
-    let report = report(&setup, (&model, spread, draws), &met);
+    let packs = cells::packs(args, &setup, (&spread, draws))?;
+    let met = match &packs {
+        Some(packs) if args.cells.is_some() => scatter_cells(&setup, packs),
+        _ => scatter(&setup, &spread, draws),
+    };
+    let met = met.map_err(|error| usage(&error))?;
+    let report = report(&setup, (&model, args), &met, cells::Means::new(args, &setup, packs.as_deref()));
     let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
     if let Some(out) = &args.out {
         files::make_folder(out)?;
@@ -186,11 +211,15 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
         say!("{json}");
         return Ok(());
     }
-    print_text(&report, &setup);
+    print_text(&report, &setup, packs.as_deref());
     if let Some(out) = &args.out {
         say!("written to {}", out.display());
     }
     Ok(())
+}
+
+fn spread(args: &PackSimulateArgs) -> Spread {
+    Spread { r: args.sigma_r, rk: args.sigma_rk, ck: args.sigma_ck, capacity: args.sigma_capacity, soc: args.sigma_soc }
 }
 
 /// The cell as an ERM. Cells that scatter are linear: what no branch stands for is refused.
@@ -221,9 +250,10 @@ fn start(args: &PackSimulateArgs, model: &GivenModel) -> Result<(OcvSource, f64)
     }
 }
 
-fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&GivenModel, Spread, Draws), met: &Scatter) -> PackReport {
+fn report(setup: &ScatterSetup<'_>, (model, args): (&GivenModel, &PackSimulateArgs), met: &Scatter, means: cells::Means) -> PackReport {
     let over = |which: fn(&Outcome) -> f64| Percentiles::of(met.outcomes.iter().map(which));
     let (leaving_probability, leaving_interval_95) = met.leaving();
+    let worst = met.outcomes.iter().enumerate().min_by(|a, b| a.1.min_cell_v.total_cmp(&b.1.min_cell_v));
     let (ocv_v, soc) = match setup.ocv {
         OcvSource::Constant(v) => (*v, None),
         OcvSource::Curve(curve) => (curve.voltage_v(setup.soc), Some(setup.soc)),
@@ -236,13 +266,17 @@ fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&GivenModel, Spread
         ocv_v,
         soc,
         window: setup.window,
-        draws,
-        spread,
+        draws: met.outcomes.len(),
+        seed: args.cells.is_none().then_some(args.seed),
+        spread: args.cells.is_none().then(|| spread(args)),
+        cells: args.cells.clone(),
+        means,
         leaving_probability,
         leaving_interval_95,
         short_of_power_probability: met.short_of_power(),
         identical: met.identical.clone(),
-        worst: met.outcomes.iter().min_by(|a, b| a.min_cell_v.total_cmp(&b.min_cell_v)).cloned(),
+        worst: worst.map(|(_, outcome)| outcome.clone()),
+        worst_draw: worst.map(|(index, _)| index + 1),
         min_cell_v: over(|o| o.min_cell_v),
         max_cell_v: over(|o| o.max_cell_v),
         margin_low_v: over(|o| o.margin_low_v),
@@ -257,16 +291,17 @@ fn report(setup: &ScatterSetup<'_>, (model, spread, draws): (&GivenModel, Spread
     }
 }
 
-fn print_text(r: &PackReport, setup: &ScatterSetup<'_>) {
+fn print_text(r: &PackReport, setup: &ScatterSetup<'_>, packs: Option<&[Vec<PlacedCell>]>) {
     let start = r.soc.map_or_else(|| "held".to_owned(), |soc| format!("SOC {soc:.3}"));
     say!(
-        "{} under {}, {:.2} s, from {:.3} V per cell ({start}); {} packs, seed {}",
+        "{} under {}, {:.2} s, from {:.3} V per cell ({start}); {} {}, {}",
         r.pack.name(),
         r.profile,
         setup.profile.duration_s(),
         r.ocv_v,
-        r.draws.draws,
-        r.draws.seed
+        r.draws,
+        if r.draws == 1 { "pack" } else { "packs" },
+        r.seed.map_or_else(|| "cells as given".to_owned(), |seed| format!("seed {seed}"))
     );
     say!("  {}", taken(setup.profile));
     say!("  {:<26}{:>10}{:>10}{:>10}{:>10}", "", "identical", "median", "5 %", "95 %");
@@ -295,7 +330,11 @@ fn print_text(r: &PackReport, setup: &ScatterSetup<'_>) {
     );
     if let Some(worst) = &r.worst {
         say!("  worst draw: {:.4} V in group {} after {:.3} s", worst.min_cell_v, worst.min_cell_group, worst.min_cell_time_s);
+        if let Some(names) = packs.and_then(|packs| cells::lowest(packs, r.worst_draw, (worst, setup.pack))) {
+            say!("  its cells: {names}");
+        }
     }
+    r.means.print();
     if r.soc.is_none() {
         say!("  note: the OCV is held, so that spread of capacity and state of charge has no effect");
     }

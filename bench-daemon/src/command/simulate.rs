@@ -65,7 +65,7 @@ pub struct SimulateArgs {
     /// shortest time constant or by --step-s.
     #[arg(long, value_enum, default_value_t = Steps::Exact)]
     pub method: Steps,
-    /// What is done about power that cannot be had: `stop`, or `extrapolate` along the tangent from 95 % of it (thesis 4.2.1).
+    /// What is done about power that cannot be had: `stop`, or `extrapolate` along the tangent from 95 % of it (thesis 4.2.1), which ends at 0 V.
     #[arg(long, value_enum, default_value_t = Policy::Stop)]
     pub beyond: Policy,
     /// Longest distance of two rows of the trace, and step of `thesis`, s [default: a 2000th of the profile]
@@ -283,6 +283,9 @@ fn print_text(outputs: &[Output], (model, cases): (&SimModel, &[Case]), args: &S
     for output in outputs {
         if let Some(Infeasible { time_s, power_w, available_w, .. }) = &output.first_infeasible {
             remark!("{}: at {time_s:.4} s {power_w:.1} W were asked for, {available_w:.1} W could be had", output.profile);
+        }
+        if let Some(end) = &output.summary.tangent_end {
+            remark!("{}: the run ends at {:.4} s of its profile: see the note", output.profile, end.time_s);
         }
     }
     say!("");

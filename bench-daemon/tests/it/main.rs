@@ -36,6 +36,8 @@ mod real_data;
 mod records;
 mod replay;
 mod resume;
+mod robust;
+mod robust_models;
 mod safety;
 mod schema;
 mod serve;

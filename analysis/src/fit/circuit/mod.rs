@@ -135,6 +135,7 @@ fn fit(spectra: &[Spectrum], circuit: &Circuit, (options, clusters): (&CircuitOp
     (fit.starts, fit.starts_at_optimum, fit.seed) = (found.starts, found.agreeing, options.seed);
     fit.warnings = warnings::warnings(&fit, &data, found.minimum.converged);
     fit.warnings.extend(data.clusters.remark(data.is_chi2()));
+    fit.warnings.extend(crate::validity::wrong_sign_remarks(spectra));
     Ok(fit)
 }
 

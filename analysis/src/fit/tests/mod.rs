@@ -5,6 +5,7 @@ mod clusters;
 mod known;
 mod minima;
 mod order;
+mod outliers;
 mod profile;
 mod refusal;
 mod spread;

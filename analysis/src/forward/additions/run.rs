@@ -129,7 +129,7 @@ impl<'a> Run<'a> {
     }
 
     fn stops(&self, look: &Look) -> bool {
-        look.point.infeasible && self.options.beyond == Beyond::Stop
+        look.point.past_tangent || (look.point.infeasible && self.options.beyond == Beyond::Stop)
     }
 
     /// Moves the cell over a step that ends at a time (s) with a demand.
@@ -165,7 +165,10 @@ impl<'a> Run<'a> {
     /// An instant, noted; none when there is nothing left behind the series resistance after power that could not be had.
     fn seen(&mut self, at: (f64, f64)) -> Result<Option<Look>, ForwardError> {
         match self.look(at) {
-            Err(ForwardError::Collapsed { .. }) if !self.book.feasible() => Ok(None),
+            Err(ForwardError::Collapsed { time_s, .. }) if !self.book.feasible() => {
+                self.book.emptied(time_s, self.options.beyond);
+                Ok(None)
+            }
             Err(error) => Err(error),
             Ok(look) => {
                 self.book.see(&look.point);
@@ -194,7 +197,7 @@ impl<'a> Run<'a> {
             }
             let terminals_ohm = pack.ratio() * r_ohm * factor.series + pack.interconnect_ohm;
             let drive = Drive { demand: self.demand, beyond: self.options.beyond, r_ohm: terminals_ohm };
-            let reply = drive.reply(e_v, demand);
+            let (reply, past_tangent) = drive.reply_or_most(e_v, demand);
             let current_a = reply.current_a / parallel;
             let change_a = (current_a - cell.current_a).abs();
             cell.current_a = current_a;
@@ -206,7 +209,7 @@ impl<'a> Run<'a> {
             let (current_a, ccv_v) = (reply.current_a, e_v - terminals_ohm * reply.current_a);
             let demand_w = if self.demand == Demand::Power { demand } else { ccv_v * current_a };
             let (available_w, infeasible) = (drive.available_w(e_v), reply.infeasible);
-            let point = Point { time_s, demand_w, current_a, ccv_v, ocv_v, available_w, infeasible };
+            let point = Point { time_s, demand_w, current_a, ccv_v, ocv_v, available_w, infeasible, past_tangent };
             return Ok(Look { point, demand, cell, factor, additions_v, heat_w: 0.0 });
         }
     }

@@ -119,6 +119,13 @@ impl Case {
         if branches > TRACE_BRANCHES {
             notes.push(format!("{name}: the trace file holds the voltages of {TRACE_BRANCHES} of {branches} branches"));
         }
+        if let Some(end) = &s.tangent_end {
+            notes.push(format!(
+                "{name}: the run ends at {:.4} s: {:.1} W were asked for where {:.1} W are the most (E²/4R), and the tangent has come down to 0 V; beyond it no \
+                 cell has a voltage, and the tangent itself is singular as E → 0",
+                end.time_s, end.power_w, end.available_w
+            ));
+        }
         if s.margin_low_v < 0.0 {
             notes.push(format!("{name}: a cell falls {:.3} V below its lower limit", -s.margin_low_v));
         }
