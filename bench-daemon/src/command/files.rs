@@ -6,6 +6,7 @@ use analysis::{
     dataset,
     effects::Group,
     fit::ModelFile,
+    formats::{SourcedSpectrum, read_file},
     forward::{OcvSource, SimModel},
     ocv::OcvCurve,
     pack::Pack,
@@ -13,12 +14,34 @@ use analysis::{
 };
 
 use super::Failure;
+use crate::terminal::remark;
 
 /// Reads the model file of `--model`.
 pub(super) fn read_model(path: &Path) -> Result<ModelFile, Failure> {
     let fail = |error: &dyn std::fmt::Display| Failure::Usage(format!("--model {}: {error}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| fail(&error))?;
     ModelFile::from_json(&text).map_err(|error| fail(&error))
+}
+
+/// Reads the spectra of a file, and says how they were told apart and what was left out.
+pub(super) fn read_spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, Failure> {
+    let read = read_file(path).map_err(|error| Failure::Usage(error.to_string()))?;
+    for note in &read.notes {
+        remark!("{note}");
+    }
+    Ok(read.spectra)
+}
+
+/// Refuses two evaluations of one measurement where spectra are taken together: they are no repeats.
+pub(super) fn refuse_curves(spectra: &[SourcedSpectrum]) -> Result<(), Failure> {
+    let curves: Vec<&str> = spectra.iter().filter(|one| one.origin.curve.is_some()).map(|one| one.spectrum.name.as_str()).collect();
+    if curves.is_empty() {
+        return Ok(());
+    }
+    let met = curves.join(", ");
+    Err(Failure::Usage(format!(
+        "expected each measurement once, met curves of the same: {met}; take them apart with `convert` and give one"
+    )))
 }
 
 /// Reads an OCV curve as `ocv --out` writes it.
