@@ -73,6 +73,32 @@ pub enum FormatError {
         /// Fields met.
         met: usize,
     },
+    /// A file of another kind.
+    #[error("{}: expected text with impedance spectra, met {kind}", file.display())]
+    Foreign {
+        /// The file.
+        file: PathBuf,
+        /// Its kind, and a way to what is read.
+        kind: &'static str,
+    },
+    /// A column whose unit cannot be or is not told.
+    #[error("{}, line {line}, column {column} ({name}): expected {expected}, met {met}: {reason}", file.display())]
+    Unit {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Field, from 1.
+        column: usize,
+        /// The column's name.
+        name: String,
+        /// What was expected.
+        expected: &'static str,
+        /// What was met.
+        met: String,
+        /// Why it cannot be.
+        reason: &'static str,
+    },
     /// A field that is not what its column holds.
     #[error("{}, line {line}, column {column} ({name}): expected {expected}, met \"{met}\"", file.display())]
     Field {

@@ -1,9 +1,10 @@
 //! Which column holds what, and rows to spectra.
 
 use super::error::FormatError;
+use super::sweeps::{self, Key, MeasuredRow, Rows, label_value};
 use super::text::{self, Row, Text, shorten};
-use super::{Origin, SourcedSpectrum};
-use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
+use super::{FileSpectra, Origin};
+use crate::spectrum::{Covariance2, ImpedancePoint};
 use num_complex::Complex64;
 
 const PROJECT: [&str; 3] = ["freq_hz", "z_re_ohm", "z_im_ohm"];
@@ -37,9 +38,11 @@ struct Layout {
     bias: Option<Column>,
     /// Fixture, cell, repeat.
     labels: Option<[Column; 3]>,
+    /// Columns of other names that tell spectra apart: their kind and place.
+    sweeps: Vec<(&'static str, usize)>,
 }
 
-pub(super) fn parse(text: &Text<'_>) -> Result<Vec<SourcedSpectrum>, FormatError> {
+pub(super) fn parse(text: &Text<'_>) -> Result<FileSpectra, FormatError> {
     let empty = |met| Err(FormatError::Empty { file: text.file(), met });
     let Some((first, rest)) = text.rows.split_first() else {
         return empty(if text.has_content { "only comments" } else { "an empty file" });
@@ -52,30 +55,26 @@ pub(super) fn parse(text: &Text<'_>) -> Result<Vec<SourcedSpectrum>, FormatError
         return empty("only a header");
     }
     text.one_mark()?;
-    let mut groups: Vec<(Origin, Vec<ImpedancePoint>)> = Vec::new();
+    let mut all = Rows { rows: Vec::new(), keys: layout.sweeps.iter().map(|(kind, _)| Key::Column(kind)).collect() };
     for row in rows {
         let cells = Cells { text, row, layout: &layout };
         let (origin, point) = cells.read()?;
-        match groups.iter_mut().rev().find(|(o, _)| *o == origin) {
-            Some((_, points)) => points.push(point),
-            None => groups.push((origin, vec![point])),
-        }
+        let value = |(_, place): &(&str, usize)| label_value(row.fields.get(*place).copied().unwrap_or_default());
+        all.rows.push(MeasuredRow { line: row.line, origin, key: layout.sweeps.iter().map(value).collect(), point });
     }
     let stem = text.path.file_stem().map_or_else(|| "spectrum".to_owned(), |s| s.to_string_lossy().into_owned());
-    let several = groups.len() > 1;
-    let mut spectra: Vec<SourcedSpectrum> = groups.into_iter().map(|(origin, points)| finish(origin, points, (&stem, several))).collect();
-    super::shared::attach(text, &mut spectra)?;
-    Ok(spectra)
+    let mut read = sweeps::sort(text.path, all, |origin, several| name(origin, (&stem, several)));
+    super::shared::attach(text, &mut read.spectra)?;
+    Ok(read)
 }
 
-fn finish(origin: Origin, mut points: Vec<ImpedancePoint>, (stem, several): (&str, bool)) -> SourcedSpectrum {
-    points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
+fn name(origin: &Origin, (stem, several): (&str, bool)) -> String {
     let text = |o: &Option<String>| o.clone().unwrap_or_default();
     let bias = match origin.bias_a {
         Some(bias) if bias != 0.0 => format!("_{bias:+}A"),
         _ => String::new(),
     };
-    let name = match &origin.fixture {
+    match &origin.fixture {
         Some(fixture) => {
             // A control is alone of its kind: its number says nothing.
             let number = Some(text(&origin.cell)).filter(|c| fixture == "cell" || c != "0").unwrap_or_default();
@@ -83,8 +82,7 @@ fn finish(origin: Origin, mut points: Vec<ImpedancePoint>, (stem, several): (&st
         }
         None if several => format!("{stem}{bias}"),
         None => stem.to_owned(),
-    };
-    SourcedSpectrum { origin, spectrum: Spectrum { name, points, ..Spectrum::default() } }
+    }
 }
 
 impl Layout {
@@ -113,11 +111,12 @@ impl Layout {
         } else {
             return Err(unknown());
         };
-        Ok((layout, true))
+        let sweeps = first.fields.iter().enumerate().filter_map(|(place, name)| Some((sweeps::label(name)?, place))).collect();
+        Ok((Self { sweeps, ..layout }, true))
     }
 
     fn plain(width: usize, freq: Column, impedance: Impedance) -> Self {
-        Self { width, freq, impedance, sigma: None, cov: None, amplitude: None, bias: None, labels: None }
+        Self { width, freq, impedance, sigma: None, cov: None, amplitude: None, bias: None, labels: None, sweeps: Vec::new() }
     }
 }
 
@@ -212,7 +211,7 @@ impl Cells<'_> {
             return Err(self.error(fixture, "the name of what was clamped in"));
         }
         let filled = |c| Some(self.field(c).to_owned()).filter(|t| !t.is_empty());
-        Ok(Origin { fixture: filled(fixture), cell: filled(cell), repeat: filled(repeat), bias_a })
+        Ok(Origin { fixture: filled(fixture), cell: filled(cell), repeat: filled(repeat), bias_a, curve: None })
     }
 
     fn covariance(&self) -> Result<Covariance2, FormatError> {

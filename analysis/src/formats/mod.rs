@@ -11,18 +11,24 @@
 //! CRLF, a byte order mark, blanks and double quotes around a field, and comments (`#` first in a line) are tolerated. Points are sorted by
 //! frequency. What cannot be a measurement is refused: the error names file, line, column, what was expected and what was met.
 //!
+//! A file may hold several sweeps. They are told apart by a column that names a cycle, a loop or an id, and by a frequency that starts again (`sweeps`);
+//! [`read_file`] says by what.
+//!
 //! Names: a file that holds one spectrum gives it the file's name without extension. The tidy table's are `cell0_3` (cell 0, repeat 3),
 //! `shunt_0`, `fake_cell_0` (fixture, repeat), with the bias at the end where it is not zero: `cell0_0_-2A`, `cell0_0_+5A`.
+//! Sweeps of one file are called after the whole file name and what tells them apart: `file.mpt#cycle2`, `file.mpt#loop1`.
 //!
 //! Files of potentiostats' programs (Gamry, BioLogic, ZPlot, Autolab, …): the module `vendor`. Records of oscilloscopes: [`scope`]. Current and voltage over
 //! time: [`read_series`]. What is written for others: [`spectrum_text`].
 
 mod bdf;
 mod error;
+mod foreign;
 mod layout;
 pub mod model;
 pub mod scope;
 pub(crate) mod shared;
+mod sweeps;
 mod text;
 mod timeseries;
 mod vendor;
@@ -47,6 +53,8 @@ pub struct Origin {
     pub repeat: Option<String>,
     /// Direct current superposed, A; charging is positive.
     pub bias_a: Option<f64>,
+    /// Which evaluation of one measurement it is, where the file holds several: they are no repeats.
+    pub curve: Option<String>,
 }
 
 impl Origin {
@@ -100,8 +108,25 @@ pub fn read_unbiased_cells(path: &Path) -> Result<Vec<Spectrum>, FormatError> {
 /// # Errors
 /// As [`read_spectra`].
 pub fn read_sourced(path: &Path) -> Result<Vec<SourcedSpectrum>, FormatError> {
+    Ok(read_file(path)?.spectra)
+}
+
+/// The spectra of a file, and remarks on how they were read, which whoever asked for them ought to see.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FileSpectra {
+    /// The spectra, in the order of their first row.
+    pub spectra: Vec<SourcedSpectrum>,
+    /// Sentences that begin with the file's name: by what spectra were told apart, what was left out or taken for granted.
+    pub notes: Vec<String>,
+}
+
+/// Reads all spectra of a file, with remarks on how.
+///
+/// # Errors
+/// As [`read_spectra`].
+pub fn read_file(path: &Path) -> Result<FileSpectra, FormatError> {
     let bytes = std::fs::read(path).map_err(|source| FormatError::Read { file: path.to_owned(), source })?;
-    parse(path, &bytes)
+    parse_file(path, &bytes)
 }
 
 /// As [`read_sourced`], from bytes already read; `path` serves names and messages only.
@@ -109,9 +134,22 @@ pub fn read_sourced(path: &Path) -> Result<Vec<SourcedSpectrum>, FormatError> {
 /// # Errors
 /// As [`read_spectra`], but for reading.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<SourcedSpectrum>, FormatError> {
+    Ok(parse_file(path, bytes)?.spectra)
+}
+
+/// As [`read_file`], from bytes already read; `path` serves names and messages only.
+///
+/// # Errors
+/// As [`read_spectra`], but for reading.
+pub fn parse_file(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {
+    if let Some(error) = foreign::binary(path, bytes) {
+        return Err(error);
+    }
     let own = text::Text::new(path, bytes).and_then(|text| layout::parse(&text));
     match own {
-        Err(error @ (FormatError::UnknownFormat { .. } | FormatError::NotText { .. })) => vendor::parse(path, bytes).unwrap_or(Err(error)),
+        Err(error @ (FormatError::UnknownFormat { .. } | FormatError::NotText { .. })) => {
+            vendor::parse(path, bytes).unwrap_or_else(|| Err(foreign::text(path, bytes).unwrap_or(error)))
+        }
         other => other,
     }
 }

@@ -1,7 +1,7 @@
 //! Lines and fields of a text file, with their numbers. Knows nothing of columns.
 //!
-//! Fields are separated by commas, or by semicolons where the first line that is no comment has one. Between semicolons a comma is a decimal point; one
-//! file has one decimal mark.
+//! Fields are separated by semicolons where the first line that is no comment has one, else by tabulators where it has one, else by commas. Between
+//! semicolons and tabulators a comma is a decimal point; one file has one decimal mark.
 
 use super::error::FormatError;
 use std::path::{Path, PathBuf};
@@ -38,10 +38,12 @@ impl<'a> Text<'a> {
             let line = 1 + valid.iter().filter(|b| **b == b'\n').count();
             FormatError::NotText { file: path.to_owned(), line, byte: rest.first().copied().unwrap_or(0) }
         })?;
-        let rows = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim())).filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
+        let rows = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim_end_matches('\r')));
+        let rows = rows.filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
         let lines: Vec<(usize, &str)> = rows.collect();
-        let separator = if lines.first().is_some_and(|(_, first)| first.contains(';')) { ';' } else { ',' };
-        let rows = lines.into_iter().map(|(line, raw)| Row { line, raw, fields: split(raw, separator) }).collect();
+        let separator = [';', '\t'].into_iter().find(|separator| lines.first().is_some_and(|(_, first)| first.contains(*separator)));
+        let separator = separator.unwrap_or(',');
+        let rows = lines.into_iter().map(|(line, raw)| Row { line, raw: raw.trim(), fields: split(raw, separator) }).collect();
         Ok(Self { path, rows, separator, has_content: !text.trim().is_empty() })
     }
 
@@ -97,7 +99,9 @@ pub(super) fn number(field: &str, separator: char) -> Option<f64> {
     if separator == ',' || !field.contains(',') {
         return field.parse().ok();
     }
-    let plain = !field.contains('.') && field.matches(',').count() == 1;
+    // A comma without a digit behind it parts fields.
+    let decimal = field.split_once(',').is_some_and(|(_, digits)| digits.starts_with(|c: char| c.is_ascii_digit()));
+    let plain = decimal && !field.contains('.') && field.matches(',').count() == 1;
     plain.then(|| field.replacen(',', ".", 1)).and_then(|field| field.parse().ok())
 }
 
@@ -107,7 +111,7 @@ pub(super) fn mark(field: &str, separator: char) -> Option<char> {
     number(field, separator).map(|_| mark)
 }
 
-fn unquote(field: &str) -> &str {
+pub(super) fn unquote(field: &str) -> &str {
     let field = field.trim();
     field.strip_prefix('"').and_then(|f| f.strip_suffix('"')).map_or(field, str::trim)
 }

@@ -187,6 +187,9 @@ impl Raw {
 }
 
 fn csv(path: &Path, bytes: &[u8]) -> Result<(Raw, Option<CurrentSign>), SeriesReadError> {
+    if let Some(error) = super::foreign::binary(path, bytes) {
+        return Err(error.into());
+    }
     let text = Text::new(path, bytes)?;
     let unknown = |place: String, met: String| SeriesReadError::UnknownFormat { file: path.to_owned(), place, met };
     let Some((header, rows)) = text.rows.split_first() else { return Err(unknown(String::new(), "no line with data".to_owned())) };

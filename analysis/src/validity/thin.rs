@@ -26,7 +26,7 @@ pub fn thinned(spectrum: &Spectrum) -> Option<Spectrum> {
             taken.push(next);
         }
     }
-    Some(Spectrum { name: spectrum.name.clone(), points: taken.into_iter().map(|k| points[k]).collect() })
+    Some(Spectrum { name: spectrum.name.clone(), points: taken.into_iter().map(|k| points[k]).collect(), ..Spectrum::default() })
 }
 
 /// By how many points a spectrum was judged.
@@ -41,7 +41,7 @@ mod tests {
 
     fn spectrum(freqs_hz: impl Iterator<Item = f64>) -> Spectrum {
         let point = |freq_hz| ImpedancePoint { freq_hz, z_ohm: 0.01.into(), covariance: Covariance2::UNKNOWN, amplitude_a: f64::NAN };
-        Spectrum { name: "long".to_owned(), points: freqs_hz.map(point).collect() }
+        Spectrum { name: "long".to_owned(), points: freqs_hz.map(point).collect(), ..Spectrum::default() }
     }
 
     #[test]

@@ -7,7 +7,7 @@ use analysis::{
     formats::{
         SeriesOptions, SpectrumFormat, bdf_text,
         model::{CellModel, ModelFormat},
-        read_series, read_spectra, spectrum_text, write_bdf_parquet,
+        read_series, spectrum_text, write_bdf_parquet,
     },
     given::GivenModel,
     ocv::OcvCurve,
@@ -135,7 +135,7 @@ impl To {
 }
 
 fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> Result<(), Failure> {
-    for spectrum in read_spectra(file).map_err(|error| Failure::Usage(error.to_string()))? {
+    for spectrum in files::read_spectra(file)?.into_iter().map(|one| one.spectrum) {
         let path = free(args, &spectrum.name, format.map_or(".csv", SpectrumFormat::extension))?;
         match format {
             None => dataset::write_spectrum_csv(&path, &spectrum.points).map_err(RecordError::from)?,

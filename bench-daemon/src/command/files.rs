@@ -5,6 +5,7 @@ use std::path::Path;
 use analysis::{
     dataset,
     effects::Group,
+    formats::{SourcedSpectrum, read_file},
     forward::{OcvSource, SimModel},
     given::GivenModel,
     ocv::OcvCurve,
@@ -13,6 +14,28 @@ use analysis::{
 };
 
 use super::Failure;
+use crate::terminal::remark;
+
+/// Reads the spectra of a file, and says how they were told apart and what was left out.
+pub(super) fn read_spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, Failure> {
+    let read = read_file(path).map_err(|error| Failure::Usage(error.to_string()))?;
+    for note in &read.notes {
+        remark!("{note}");
+    }
+    Ok(read.spectra)
+}
+
+/// Refuses two evaluations of one measurement where spectra are taken together: they are no repeats.
+pub(super) fn refuse_curves(spectra: &[SourcedSpectrum]) -> Result<(), Failure> {
+    let curves: Vec<&str> = spectra.iter().filter(|one| one.origin.curve.is_some()).map(|one| one.spectrum.name.as_str()).collect();
+    if curves.is_empty() {
+        return Ok(());
+    }
+    let met = curves.join(", ");
+    Err(Failure::Usage(format!(
+        "expected each measurement once, met curves of the same: {met}; take them apart with `convert` and give one"
+    )))
+}
 
 /// Reads an OCV curve as `ocv --out` writes it.
 pub(super) fn read_curve(path: &Path) -> Result<OcvCurve, Failure> {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use analysis::{
     fit::{Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective, PackModel, fit_cells},
-    formats::{SourcedSpectrum, read_sourced},
+    formats::SourcedSpectrum,
     pack::Pack,
     plot::{self, FigureInput, ImpedancePlot, Series, SeriesStyle},
     report::{Figure, Report},
@@ -112,7 +112,7 @@ pub(super) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum
     let mut others = Vec::new();
     let mut passed_over = Vec::new();
     for file in &args.files {
-        for mut sourced in read_sourced(file).map_err(|error| Failure::Usage(error.to_string()))? {
+        for mut sourced in files::read_spectra(file)? {
             sourced.spectrum.keep(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
             if sourced.spectrum.points.is_empty() {
                 let met = format!("none from {} Hz to {} Hz", args.from_hz, args.to_hz);
@@ -131,6 +131,9 @@ pub(super) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum
     }
     if !passed_over.is_empty() {
         remark!("not fitted, for they are controls or carry a direct current: {}", passed_over.join(", "));
+    }
+    if args.pool {
+        files::refuse_curves(&cells)?;
     }
     if cells.is_empty() {
         return Err(Failure::Usage("expected at least one spectrum of a cell without direct current, found none".to_owned()));

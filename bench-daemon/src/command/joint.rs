@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     fit::{Bounds, JointProvenance, MAX_RC, ModelFile, PackModel},
-    formats::{CurrentSign, SourcedSpectrum, read_sourced},
+    formats::{CurrentSign, SourcedSpectrum},
     joint::{JointFit, JointOptions, PooledSpectrum, PulseResult, Role, Study, StudyInput, StudyOptions, study},
     ocv::{OcvCurve, OcvOptions, extract},
     pack::Pack,
@@ -98,7 +98,7 @@ fn spectra(files: &[PathBuf]) -> Result<Vec<SourcedSpectrum>, Failure> {
     let mut all = Vec::new();
     let mut passed_over = Vec::new();
     for file in files {
-        for sourced in read_sourced(file).map_err(|error| Failure::Usage(error.to_string()))? {
+        for sourced in files::read_spectra(file)? {
             if sourced.origin.is_unbiased_cell() {
                 all.push(sourced);
             } else {
@@ -109,6 +109,7 @@ fn spectra(files: &[PathBuf]) -> Result<Vec<SourcedSpectrum>, Failure> {
     if !passed_over.is_empty() {
         remark!("not used, for they are controls or carry a direct current: {}", passed_over.join(", "));
     }
+    files::refuse_curves(&all)?;
     Ok(all)
 }
 

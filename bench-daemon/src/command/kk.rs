@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     drt::{Drt, drt, start_values},
-    formats::{SourcedSpectrum, read_sourced},
+    formats::SourcedSpectrum,
     model::RcBranch,
     plot,
     report::Figure,
@@ -124,12 +124,12 @@ fn json(groups: &[Group]) -> Result<String, Failure> {
 fn read(args: &KkArgs) -> Result<Vec<(String, Vec<Spectrum>)>, Failure> {
     let mut cells: Vec<(String, Vec<Spectrum>)> = Vec::new();
     for file in &args.files {
-        for SourcedSpectrum { origin, spectrum } in read_sourced(file).map_err(|error| Failure::Usage(error.to_string()))? {
+        for SourcedSpectrum { origin, spectrum } in files::read_spectra(file)? {
             let bias = origin.bias_a.filter(|bias| *bias != 0.0).map_or_else(String::new, |bias| format!(", {bias:+} A"));
             let cell = match (&origin.fixture, &origin.cell) {
                 (Some(fixture), Some(cell)) => format!("{fixture} {cell}{bias}"),
                 (Some(fixture), None) => format!("{fixture}{bias}"),
-                _ if args.separate => spectrum.name.clone(),
+                _ if args.separate || origin.curve.is_some() => spectrum.name.clone(),
                 _ => format!("one cell{bias}"),
             };
             match cells.iter_mut().find(|(name, _)| *name == cell) {

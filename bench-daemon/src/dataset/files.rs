@@ -59,7 +59,11 @@ impl Files {
 /// All spectra of a file.
 pub(super) fn spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, FileError> {
     let spectra = read_sourced(path).map_err(|error| match error {
-        FormatError::Read { .. } | FormatError::UnknownFormat { .. } | FormatError::Header { .. } => FileError::Usage(error.to_string()),
+        FormatError::Read { .. }
+        | FormatError::UnknownFormat { .. }
+        | FormatError::Header { .. }
+        | FormatError::Foreign { .. }
+        | FormatError::Unit { .. } => FileError::Usage(error.to_string()),
         FormatError::NotText { .. } | FormatError::Empty { .. } | FormatError::FieldCount { .. } | FormatError::Field { .. } => {
             FileError::Damaged(error.to_string())
         }

@@ -293,8 +293,13 @@ impl Reader<'_> {
 
     fn spectrum(&mut self, file: &str, name: &str) -> Result<Option<RunData>, ConfigError> {
         let read = files::spectra(&self.folder.join(file));
-        let spectra = self.or_problem(name, read)?;
-        Ok(spectra.and_then(|spectra| spectra.first().map(|one| RunData::Eis(files::sweep(&one.spectrum, 0.0, None)))))
+        let spectra = self.or_problem(name, read)?.unwrap_or_default();
+        if spectra.len() > 1 {
+            let text = format!("{file}: expected one spectrum, met {}", spectra.len());
+            self.loaded.problems.push(DataSetProblem { run: name.to_owned(), text });
+            return Ok(None);
+        }
+        Ok(spectra.first().map(|one| RunData::Eis(files::sweep(&one.spectrum, 0.0, None))))
     }
 
     fn or_problem<T>(&mut self, name: &str, read: Result<T, FileError>) -> Result<Option<T>, ConfigError> {

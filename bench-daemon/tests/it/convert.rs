@@ -98,3 +98,50 @@ fn exported_captures_give_the_impedance_that_is_in_them() {
         assert!(code == 2 && said.contains(expected), "{code} {said}");
     }
 }
+
+#[test]
+fn several_sweeps_of_a_file_are_told_and_never_made_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("three.mpt");
+    let mut text = "EC-Lab ASCII FILE\nNb header lines : 3\nfreq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\tcycle number\n".to_owned();
+    for sweep in 0..3 {
+        for k in 0..29 {
+            let freq_hz = 1.0e4 * 10f64.powf(-f64::from(k) / 7.0);
+            let z = Complex64::new(0.02, 0.0) + Complex64::new(0.01, 0.0) / Complex64::new(1.0, freq_hz / (50.0 + f64::from(sweep)));
+            writeln!(text, "{freq_hz}\t{}\t{}\t0", z.re, -z.im).unwrap();
+        }
+    }
+    fs::write(&file, text).unwrap();
+    let file = file.display().to_string();
+    let told = "three.mpt: 3 spectra, told apart where the frequency starts again (line 33 and 1 more): \
+                three.mpt#loop1 (29 points), three.mpt#loop2 (29 points), three.mpt#loop3 (29 points)";
+    let (code, said) = eis_bench(&["fit", &file, "--rc", "1"]);
+    assert!(code == 0 && said.contains(told) && said.contains("three.mpt#loop3: 1 spectrum, 29 points"), "{code} {said}");
+    let (code, said) = eis_bench(&["kk", &file]);
+    assert!(code == 0 && said.contains(told), "{code} {said}");
+    let out = folder.path().join("out");
+    let (code, said) = eis_bench(&["convert", &file, "--to", "csv", "--out", &out.display().to_string()]);
+    assert!(code == 0 && said.contains(told) && out.join("three.mpt#loop2.csv").exists(), "{code} {said}");
+}
+
+#[test]
+fn two_curves_of_one_measurement_are_told_and_not_pooled() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("drift.dta");
+    let mut text = "EXPLAIN\nZCURVE\tTABLE\n\tPt\tFreq\tZreal\tZimag\tZrealDrCor\tZimagDrCor\n\t#\tHz\tohm\tohm\tohm\tohm\n".to_owned();
+    for k in 0..20 {
+        let freq_hz = 1.0e4 * 10f64.powf(-f64::from(k) / 5.0);
+        let z = Complex64::new(0.02, 0.0) + Complex64::new(0.01, 0.0) / Complex64::new(1.0, freq_hz / 50.0);
+        writeln!(text, "\t{k}\t{freq_hz}\t{}\t{}\t{}\t{}", z.re, z.im, 1.01 * z.re, 1.01 * z.im).unwrap();
+    }
+    fs::write(&file, text).unwrap();
+    let file = file.display().to_string();
+    let (code, said) = eis_bench(&["fit", &file, "--rc", "1"]);
+    let told = "two curves of one measurement, with and without correction of its drift";
+    assert!(code == 0 && said.contains(told) && said.contains("drift.dta#uncorrected: 1 spectrum, 20 points"), "{code} {said}");
+    let (code, said) = eis_bench(&["fit", &file, "--rc", "1", "--pool"]);
+    assert!(
+        code == 2 && said.contains("expected each measurement once, met curves of the same: drift.dta#drift-corrected"),
+        "{code} {said}"
+    );
+}

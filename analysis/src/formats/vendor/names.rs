@@ -1,0 +1,270 @@
+//! Names of columns: which quantity, with which sign, in which unit.
+
+/// A quantity of a spectrum.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Quantity {
+    Frequency,
+    Real,
+    Imaginary,
+    Modulus,
+    Phase,
+}
+
+impl Quantity {
+    /// Its name in messages.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Frequency => "the frequency",
+            Self::Real => "the real part of Z",
+            Self::Imaginary => "the imaginary part of Z",
+            Self::Modulus => "the modulus of Z",
+            Self::Phase => "the phase of Z",
+        }
+    }
+
+    /// What its column must hold, for messages.
+    pub(super) fn unit(self) -> &'static str {
+        match self {
+            Self::Frequency => "a frequency in Hz",
+            Self::Phase => "an angle in deg or rad",
+            _ => "an impedance in Ω",
+        }
+    }
+}
+
+/// A unit in a name or under it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Unit {
+    /// None is written.
+    Unstated,
+    /// By which a number is brought to Hz, Ω or rad.
+    Factor(f64),
+    /// One that the quantity cannot have or that cannot be told: as written, and why.
+    Refused(String, &'static str),
+}
+
+/// A column as its name tells.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Named {
+    pub(super) quantity: Quantity,
+    /// −1 for a minus before the name.
+    pub(super) sign: f64,
+    pub(super) unit: Unit,
+    /// True for the numbers that the potentiostat's program has corrected for a drift.
+    pub(super) drift_corrected: bool,
+}
+
+const AREA: &str = "it is normalised to an area, without which it is no impedance of a cell";
+const CASE: &str = "its case does not tell milli or mega";
+const UNKNOWN: &str = "it is not known";
+
+/// Reads the name of a column; none where it names nothing of a spectrum.
+pub(super) fn named(name: &str) -> Option<Named> {
+    let written = plain(name);
+    split(&written).into_iter().find_map(|Split { base, unit, sure }| {
+        let (quantity, sign, drift_corrected) = base_of(&base)?;
+        let unit = match unit {
+            None => Unit::Unstated,
+            Some(text) => unit_of(quantity, &text)?,
+        };
+        // Behind a blank or a low line may stand anything.
+        let taken = sure && !short(&base) || !matches!(unit, Unit::Refused(_, UNKNOWN));
+        // A bare Z is a modulus only where its unit says so.
+        let bare = matches!(base.trim_start_matches('-'), "z" | "impedance")
+            && quantity == Quantity::Modulus
+            && !matches!(unit, Unit::Factor(_) | Unit::Refused(_, AREA));
+        (taken && !bare).then_some(Named { quantity, sign, unit, drift_corrected })
+    })
+}
+
+/// Reads a field under a name as a unit; none where it is empty.
+pub(super) fn unit_under(quantity: Quantity, field: &str) -> Option<Unit> {
+    let text = plain(field);
+    unit_of(quantity, text.trim_matches(['(', ')', '[', ']']))
+}
+
+/// A name in which typographic signs are replaced by those of a typewriter.
+fn plain(name: &str) -> String {
+    let mut text = String::new();
+    for c in name.trim().chars() {
+        match c {
+            '′' | '’' | '‘' | '´' => text.push('\''),
+            '″' | '”' | '“' => text.push('"'),
+            '−' | '–' => text.push('-'),
+            'Ω' | '\u{2126}' => text.push_str("ohm"),
+            'μ' => text.push('µ'),
+            '²' => text.push('2'),
+            '·' | '⋅' | '×' => text.push('.'),
+            other => text.push(other),
+        }
+    }
+    text.replace("''", "\"")
+}
+
+/// A way to part a name from its unit.
+struct Split {
+    base: String,
+    unit: Option<String>,
+    /// True where what parts them stands for nothing else.
+    sure: bool,
+}
+
+fn split(written: &str) -> Vec<Split> {
+    let base = |text: &str| -> String {
+        let joined: String = text.chars().filter(|c| !c.is_whitespace() && *c != '_').flat_map(char::to_lowercase).collect();
+        joined.trim_end_matches(['.', ':', ',']).to_owned()
+    };
+    let mut ways = vec![Split { base: base(written), unit: None, sure: true }];
+    let mut way = |parts: Option<(&str, &str)>, sure: bool| {
+        if let Some((name, unit)) = parts {
+            ways.push(Split { base: base(name), unit: Some(unit.trim().trim_matches(['(', ')', '[', ']']).trim().to_owned()), sure });
+        }
+    };
+    way(written.split_once('/'), true);
+    way(written.strip_suffix(']').and_then(|text| text.rsplit_once('[')), true);
+    way(written.strip_suffix(')').and_then(|text| text.rsplit_once('(')), true);
+    way(written.rsplit_once('_'), false);
+    way(written.rsplit_once(char::is_whitespace), false);
+    ways
+}
+
+/// Names that stand for other things too.
+fn short(base: &str) -> bool {
+    matches!(base.trim_start_matches('-'), "re" | "im" | "real" | "imag" | "imaginary" | "f" | "z" | "phase" | "theta" | "phi" | "angle")
+}
+
+/// The quantity of a name without unit, its sign, and whether it is corrected for a drift.
+fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
+    let (sign, base) = match base.strip_prefix('-').or_else(|| base.strip_prefix("neg")) {
+        Some(rest) => (-1.0, rest),
+        None => (1.0, base),
+    };
+    let (drift_corrected, base) = match base.strip_suffix("drcor") {
+        Some(rest) => (true, rest),
+        None => (false, base),
+    };
+    let quantity = match base {
+        "f" | "freq" | "frequency" => Quantity::Frequency,
+        // ZPlot's (a) and (b) are no units.
+        "z'" | "z'(a)" | "re" | "real" | "zre" | "zreal" | "rez" | "realz" | "re(z)" | "real(z)" => Quantity::Real,
+        "z\"" | "z\"(b)" | "im" | "imag" | "imaginary" | "zim" | "zimg" | "zimag" | "imz" | "imagz" | "im(z)" | "imag(z)" => {
+            Quantity::Imaginary
+        }
+        "|z|" | "zmod" | "zabs" | "mod(z)" | "abs(z)" | "modulus" | "magnitude" | "z" | "impedance" => Quantity::Modulus,
+        "phase" | "phase(z)" | "zphz" | "zphase" | "phaseangle" | "theta" | "phi" | "arg(z)" => Quantity::Phase,
+        _ => return None,
+    };
+    // A frequency or a modulus below zero there is none.
+    let negative = sign < 0.0 && matches!(quantity, Quantity::Frequency | Quantity::Modulus);
+    (!negative).then_some((quantity, sign, drift_corrected))
+}
+
+fn unit_of(quantity: Quantity, written: &str) -> Option<Unit> {
+    let text: String = written.chars().filter(|c| !c.is_whitespace()).collect();
+    if text.is_empty() {
+        return None;
+    }
+    let refused = |why| Unit::Refused(written.trim().to_owned(), why);
+    Some(match quantity {
+        Quantity::Phase => angle(&text).map_or_else(|| refused(UNKNOWN), Unit::Factor),
+        Quantity::Frequency => prefixed(&text, &["hz"]).unwrap_or_else(refused_as(&refused)),
+        _ if text.to_lowercase().contains("cm") || text.contains("m2") || text.contains("m^2") => refused(AREA),
+        _ => prefixed(&text, &["ohm", "ohms"]).unwrap_or_else(refused_as(&refused)),
+    })
+}
+
+fn refused_as<'a>(refused: &'a impl Fn(&'static str) -> Unit) -> impl Fn(&'static str) -> Unit + 'a {
+    move |why| refused(why)
+}
+
+fn angle(text: &str) -> Option<f64> {
+    let degree = std::f64::consts::PI / 180.0;
+    match text.to_lowercase().as_str() {
+        "deg" | "deg." | "degree" | "degrees" | "°" => Some(degree),
+        "rad" | "radian" | "radians" => Some(1.0),
+        "mrad" => Some(1.0e-3),
+        _ => None,
+    }
+}
+
+/// The factor of a unit with a prefix of the SI; else why there is none.
+fn prefixed(text: &str, units: &[&str]) -> Result<Unit, &'static str> {
+    let lower = text.to_lowercase();
+    let unit = units.iter().find(|unit| lower.ends_with(**unit)).ok_or(UNKNOWN)?;
+    let (prefix, symbol) = text.split_at_checked(text.len() - unit.len()).ok_or(UNKNOWN)?;
+    let all_upper = symbol.chars().all(char::is_uppercase);
+    let all_lower = symbol.chars().all(char::is_lowercase);
+    let factor = match prefix {
+        "" => 1.0,
+        "k" | "K" => 1.0e3,
+        // Milliohms are written so everywhere; in MHZ and mhz the case is that of the whole word.
+        "m" if *unit != "hz" || !all_lower => 1.0e-3,
+        "M" if !all_upper => 1.0e6,
+        "m" | "M" => return Err(CASE),
+        "µ" | "u" => 1.0e-6,
+        "n" => 1.0e-9,
+        "G" => 1.0e9,
+        "milli" => 1.0e-3,
+        _ => return Err(UNKNOWN),
+    };
+    Ok(Unit::Factor(factor))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_tell_quantity_sign_and_unit() {
+        use Quantity::{Frequency, Imaginary, Modulus, Phase, Real};
+        let degree = std::f64::consts::PI / 180.0;
+        for (name, quantity, sign, factor) in [
+            ("Frequency (Hz)", Frequency, 1.0, Some(1.0)),
+            ("freq. [kHz]", Frequency, 1.0, Some(1e3)),
+            ("f/mHz", Frequency, 1.0, Some(1e-3)),
+            ("Freq", Frequency, 1.0, None),
+            ("Zre (ohms)", Real, 1.0, Some(1.0)),
+            ("Re(Z) / mOhm", Real, 1.0, Some(1e-3)),
+            ("Z' (MΩ)", Real, 1.0, Some(1e6)),
+            ("Z'(a)", Real, 1.0, None),
+            ("Z Real", Real, 1.0, None),
+            ("-Z''", Imaginary, -1.0, None),
+            ("−Z″ / Ω", Imaginary, -1.0, Some(1.0)),
+            ("Z\"/ohm", Imaginary, 1.0, Some(1.0)),
+            ("-Im(Z)/Ohm", Imaginary, -1.0, Some(1.0)),
+            ("z_im_kohm", Imaginary, 1.0, Some(1e3)),
+            ("Zreal Ohm", Real, 1.0, Some(1.0)),
+            ("|Z|/Ohm", Modulus, 1.0, Some(1.0)),
+            ("Impedance/Ohm", Modulus, 1.0, Some(1.0)),
+            ("Phase(Z)/deg", Phase, 1.0, Some(degree)),
+            ("-Phase (°)", Phase, -1.0, Some(degree)),
+            ("Zphz", Phase, 1.0, None),
+        ] {
+            let met = named(name).unwrap_or_else(|| panic!("{name}"));
+            let unit = factor.map_or(Unit::Unstated, Unit::Factor);
+            assert_eq!((met.quantity, met.sign, met.unit), (quantity, sign, unit), "{name}");
+        }
+        for name in [
+            "Re(Y)/Ohm-1",
+            "Phase(Y)/deg",
+            "Re(Zce)/Ohm",
+            "|Y|",
+            "Time/s",
+            "Z",
+            "Impedance",
+            "E(V)",
+            "Re(I)",
+            "f_max",
+            "Z2 Real",
+            "Phase shift (x)",
+            "real time",
+        ] {
+            assert_eq!(named(name), None, "{name}");
+        }
+        for (name, why) in
+            [("Z'/Ohm·cm²", AREA), ("Z (mOhm cm2)", AREA), ("Zre (quatloos)", UNKNOWN), ("freq (mhz)", CASE), ("Zreal [MOHM]", CASE)]
+        {
+            assert!(matches!(named(name).unwrap().unit, Unit::Refused(_, met) if met == why), "{name}: {:?}", named(name));
+        }
+    }
+}

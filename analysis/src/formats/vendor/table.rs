@@ -1,0 +1,246 @@
+//! The row that names the columns of a table.
+
+use super::names::{self, Named, Quantity, Unit};
+use crate::formats::error::FormatError;
+use crate::formats::sweeps;
+use std::path::Path;
+
+/// Lines below the names in which a row of numbers is looked for, to count its fields.
+const LOOKED_AT: usize = 10;
+
+/// A column that is read.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Column {
+    pub(super) index: usize,
+    pub(super) title: String,
+    pub(super) quantity: Quantity,
+    sign: f64,
+    /// By which its numbers are brought to Hz, Ω or rad; none where no unit is written.
+    pub(super) unit: Option<f64>,
+}
+
+impl Column {
+    /// What a number of it is multiplied with; a frequency and an impedance without unit are in Hz and Ω.
+    pub(super) fn factor(&self) -> f64 {
+        self.sign * self.unit.unwrap_or(1.0)
+    }
+}
+
+/// An impedance in a row.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Curve {
+    pub(super) drift_corrected: bool,
+    /// Real and imaginary part, or modulus and phase.
+    pub(super) columns: [Column; 2],
+}
+
+/// The columns of a table.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Table {
+    /// Where its names stand, from 0.
+    pub(super) line: usize,
+    pub(super) separator: char,
+    /// Fields in a row, without empty ones at the end.
+    pub(super) width: usize,
+    pub(super) freq: Column,
+    pub(super) curves: Vec<Curve>,
+    /// Columns that tell spectra apart: their kind and place.
+    pub(super) labels: Vec<(&'static str, usize)>,
+    /// Impedances of other electrodes, which are not read: their place and title.
+    pub(super) others: Vec<(usize, String)>,
+}
+
+/// A row of names with its place, for messages.
+struct Header<'a> {
+    path: &'a Path,
+    line: usize,
+    titles: Vec<&'a str>,
+    named: Vec<Option<Named>>,
+}
+
+/// The columns that a line names, if it names those of an impedance.
+///
+/// # Errors
+/// A column named twice; a unit that its quantity cannot have.
+pub(super) fn table(path: &Path, lines: &[&str], at: usize) -> Option<Result<Table, FormatError>> {
+    let mut found: Vec<(char, Header<'_>)> = candidates(lines[at])
+        .into_iter()
+        .map(|(separator, titles)| (separator, Header::new(path, at, titles)))
+        .filter(|(_, h)| h.is_whole())
+        .collect();
+    let fits = |(separator, header): &(char, Header<'_>)| numbers_below(lines, at, *separator) == Some(header.titles.len());
+    let best = found.iter().position(fits).unwrap_or(0);
+    (!found.is_empty()).then(|| {
+        let (separator, header) = found.swap_remove(best);
+        header.table(separator)
+    })
+}
+
+/// What a line lacks that names some columns of an impedance; none where it names none.
+pub(super) fn near_miss(path: &Path, lines: &[&str], at: usize) -> Option<FormatError> {
+    candidates(lines[at]).into_iter().find_map(|(_, titles)| {
+        let header = Header::new(path, at, titles);
+        let has = |quantity| header.has(quantity);
+        use Quantity::{Frequency, Imaginary, Modulus, Phase, Real};
+        let missing = match (has(Frequency), has(Real), has(Imaginary), has(Modulus), has(Phase)) {
+            (false, true, true, ..) => Frequency,
+            (true, true, false, ..) => Imaginary,
+            (true, false, true, ..) => Real,
+            (true, false, false, true, false) => Phase,
+            (true, false, false, false, true) => Modulus,
+            _ => return None,
+        };
+        let met = crate::formats::text::shorten(&header.titles.join(", "));
+        Some(FormatError::Header { file: path.to_owned(), line: at + 1, expected: format!("a column of {}", missing.name()), met })
+    })
+}
+
+/// A line parted by what can separate names: one way, but for blanks, which may stand within names.
+fn candidates(line: &str) -> Vec<(char, Vec<&str>)> {
+    let line = line.trim_start_matches('\u{feff}');
+    // VersaStudio: the list ends with a nought that is no column.
+    if let Some(definition) = line.strip_prefix("Definition=") {
+        let mut titles = fields(definition, ',');
+        titles.pop_if(|last| *last == "0");
+        return vec![(',', titles)];
+    }
+    let trimmed = line.trim();
+    // ZView's "Z60W" and "ZPlotW" write all names in one pair of quotes with blanks between them, and numbers with commas.
+    let quoted = trimmed.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')).filter(|inner| !inner.contains(['"', ',', '\t', ';']));
+    if let Some(inner) = quoted {
+        return vec![(',', wide(inner)), (',', inner.split_whitespace().collect())];
+    }
+    match ['\t', ';', ','].into_iter().find(|separator| line.contains(*separator)) {
+        Some(separator) => vec![(separator, fields(line, separator))],
+        None => vec![(' ', wide(trimmed)), (' ', trimmed.split_whitespace().collect())],
+    }
+    .into_iter()
+    .map(|(separator, mut titles)| {
+        while titles.last().is_some_and(|title| title.is_empty()) {
+            titles.pop();
+        }
+        (separator, titles)
+    })
+    .collect()
+}
+
+/// Names with two blanks or more between them.
+fn wide(text: &str) -> Vec<&str> {
+    text.split("  ").map(str::trim).filter(|name| !name.is_empty()).collect()
+}
+
+/// Fields of a line, without blanks and quotes around them.
+pub(super) fn fields(line: &str, separator: char) -> Vec<&str> {
+    if separator == ' ' {
+        return line.split_whitespace().collect();
+    }
+    line.split(separator).map(crate::formats::text::unquote).collect()
+}
+
+/// Fields of the first row of numbers under a line.
+fn numbers_below(lines: &[&str], at: usize, separator: char) -> Option<usize> {
+    let rows = lines.iter().skip(at + 1).take(LOOKED_AT).map(|line| fields(line, separator));
+    rows.filter(|row| row.len() > 2)
+        .find(|row| row.iter().all(|field| crate::formats::text::number(field, separator).is_some()))
+        .map(|row| row.len())
+}
+
+impl<'a> Header<'a> {
+    fn new(path: &'a Path, at: usize, titles: Vec<&'a str>) -> Self {
+        let named = titles.iter().map(|title| names::named(title)).collect();
+        Self { path, line: at + 1, titles, named }
+    }
+
+    fn has(&self, quantity: Quantity) -> bool {
+        self.named.iter().flatten().any(|n| n.quantity == quantity && !n.drift_corrected)
+    }
+
+    /// Whether it names all columns of an impedance.
+    fn is_whole(&self) -> bool {
+        let cartesian = self.has(Quantity::Real) && self.has(Quantity::Imaginary);
+        self.has(Quantity::Frequency) && (cartesian || self.has(Quantity::Modulus) && self.has(Quantity::Phase))
+    }
+
+    fn table(&self, separator: char) -> Result<Table, FormatError> {
+        let cartesian = self.has(Quantity::Real) && self.has(Quantity::Imaginary);
+        let pair = if cartesian { [Quantity::Real, Quantity::Imaginary] } else { [Quantity::Modulus, Quantity::Phase] };
+        let mut curves = Vec::new();
+        let corrected = |quantity| self.named.iter().flatten().any(|n| n.quantity == quantity && n.drift_corrected);
+        for drift_corrected in [true, false] {
+            if drift_corrected && !pair.into_iter().all(corrected) {
+                continue;
+            }
+            let [a, b] = pair;
+            curves.push(Curve { drift_corrected, columns: [self.column(a, drift_corrected)?, self.column(b, drift_corrected)?] });
+        }
+        let freq = self.column(Quantity::Frequency, false)?;
+        let labels = self.titles.iter().enumerate().filter_map(|(index, title)| Some((sweeps::label(title)?, index))).collect();
+        let others = self.titles.iter().enumerate().filter(|(index, title)| self.named[*index].is_none() && of_another(title));
+        let others = others.map(|(index, title)| (index, (*title).to_owned())).collect();
+        Ok(Table { line: self.line - 1, separator, width: self.titles.len(), freq, curves, labels, others })
+    }
+
+    /// The one column of a quantity; of two with a minus and without it, that without.
+    fn column(&self, quantity: Quantity, drift_corrected: bool) -> Result<Column, FormatError> {
+        let all = self.named.iter().enumerate().filter_map(|(index, named)| Some((index, named.as_ref()?)));
+        let of_it: Vec<(usize, &Named)> = all.filter(|(_, n)| n.quantity == quantity && n.drift_corrected == drift_corrected).collect();
+        let positive: Vec<_> = of_it.iter().filter(|(_, n)| n.sign > 0.0).copied().collect();
+        let chosen = if positive.is_empty() { of_it } else { positive };
+        let [(index, named)] = chosen.as_slice() else {
+            let met = chosen.iter().map(|(index, _)| format!("\"{}\"", self.titles[*index])).collect::<Vec<_>>().join(" and ");
+            let expected = format!("one column of {}", quantity.name());
+            return Err(FormatError::Header { file: self.path.to_owned(), line: self.line, expected, met });
+        };
+        let mut column = Column { index: *index, title: self.titles[*index].to_owned(), quantity, sign: named.sign, unit: None };
+        column.take_unit(named.unit.clone(), (self.path, self.line))?;
+        Ok(column)
+    }
+}
+
+/// Whether a column is the impedance of another electrode or of another channel.
+fn of_another(title: &str) -> bool {
+    let plain: String = title.chars().filter(|c| !c.is_whitespace()).flat_map(char::to_lowercase).collect();
+    ["re(z", "-im(z", "im(z", "z2real", "z2imag"].iter().any(|start| plain.starts_with(start))
+}
+
+impl Column {
+    /// Takes over a unit.
+    fn take_unit(&mut self, unit: Unit, (path, line): (&Path, usize)) -> Result<(), FormatError> {
+        let refused = |met: String, reason: &'static str| FormatError::Unit {
+            file: path.to_owned(),
+            line,
+            column: self.index + 1,
+            name: self.title.clone(),
+            expected: self.quantity.unit(),
+            met,
+            reason,
+        };
+        match (unit, self.unit) {
+            (Unit::Unstated, _) => {}
+            (Unit::Refused(met, reason), _) => return Err(refused(format!("\"{met}\""), reason)),
+            (Unit::Factor(factor), Some(known)) if factor != known => {
+                return Err(refused("another unit under the name than in it".to_owned(), "one of them is wrong"));
+            }
+            (Unit::Factor(factor), _) => self.unit = Some(factor),
+        }
+        Ok(())
+    }
+}
+
+impl Table {
+    /// The columns that are read.
+    pub(super) fn read(&self) -> impl Iterator<Item = &Column> {
+        std::iter::once(&self.freq).chain(self.curves.iter().flat_map(|curve| &curve.columns))
+    }
+
+    /// Takes over a row of units under the names.
+    pub(super) fn take_units(&mut self, row: &[&str], place: (&Path, usize)) -> Result<(), FormatError> {
+        let columns = std::iter::once(&mut self.freq).chain(self.curves.iter_mut().flat_map(|curve| &mut curve.columns));
+        for column in columns {
+            if let Some(unit) = row.get(column.index).and_then(|field| names::unit_under(column.quantity, field)) {
+                column.take_unit(unit, place)?;
+            }
+        }
+        Ok(())
+    }
+}
