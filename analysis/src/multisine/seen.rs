@@ -15,8 +15,10 @@ const DISTORTED: usize = 7;
 const CERTAIN: f64 = 25.0;
 /// Power over that which was predicted, below which an image is missing: noise and other images on the same bin leave less in a thousandth of all cases.
 const MISSING: f64 = 1.0e-3;
-/// Shares of strong bins that are no images, and of strong images that are none, from which on the prediction is contradicted.
-const CONTRADICTED: f64 = 0.05;
+/// Share of the strong images that may be missing, which a few neighbours of opposite phase explain.
+const MOST_MISSING: f64 = 0.05;
+/// Strong bins that nothing explains, of which a mains hum and its harmonic make two.
+const MOST_STRANGE: usize = 2;
 
 /// The two differences of a record, bins up to its length: across the jig, and across the shunt; V.
 #[derive(Debug, Clone)]
@@ -50,8 +52,8 @@ impl Proof {
 
     /// The record is not what the rates say.
     pub fn contradicts(&self) -> bool {
-        let all = self.predicted as f64;
-        self.strange as f64 > (CONTRADICTED * all).max(2.0) || self.missing as f64 > (CONTRADICTED * all).max(2.0)
+        let missing = self.missing as f64 > MOST_MISSING * self.predicted as f64 && self.missing > MOST_STRANGE;
+        missing || self.strange > MOST_STRANGE
     }
 }
 
