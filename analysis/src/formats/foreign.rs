@@ -30,7 +30,7 @@ const MAGIC: [(&[u8], &str); 22] = [
 ];
 
 /// Extensions of files that are known and not read; of texts too.
-const EXTENSIONS: [(&str, &str); 13] = [
+const EXTENSIONS: [(&str, &str); 12] = [
     ("mpr", "an EC-Lab .mpr, which is binary; export it as .mpt"),
     ("ism", "a Zahner .ism, which is binary; export it as a text list"),
     ("isw", "a Zahner .isw, which is binary; export it as a text list"),
@@ -42,7 +42,6 @@ const EXTENSIONS: [(&str, &str); 13] = [
     ("pssession", "a PalmSens .pssession; export the data as CSV"),
     ("dfr", "an Autolab .dfr, which is not read; export the data as a table with named columns"),
     ("i2b", "an Elchemea Analytical .i2b, which is not read; export the data as a table with named columns"),
-    ("p00", "a .P00 list, which is not read; export the data as a table with named columns"),
     ("fods", "an OpenDocument spreadsheet; export the table as CSV"),
 ];
 

@@ -200,6 +200,11 @@ fn csv(path: &Path, bytes: &[u8]) -> Result<(Raw, Option<CurrentSign>), SeriesRe
     let temperature = find(known.names[3]);
     let mut raw = Raw { temperature_c: temperature.map(|_| Vec::with_capacity(rows.len())), ..Raw::default() };
     for row in rows {
+        // A comma for a decimal point between commas moves all that follows.
+        if let Some(more) = (header.fields.len()..row.fields.len()).find(|k| !row.fields[*k].is_empty()) {
+            let (expected, met) = (header.fields.len(), row.fields.len());
+            return Err(FormatError::FieldCount { file: path.to_owned(), line: row.line, column: more + 1, expected, met }.into());
+        }
         let field = |column: usize, name: &'static str, may_lack: bool| number(&text, row, (column, name), may_lack);
         let [t, v, i] = columns;
         let values = [field(t, known.names[0], false)?, field(v, known.names[1], true)?, field(i, known.names[2], true)?];
@@ -355,6 +360,7 @@ mod tests {
         for (text, ending) in [
             ("Time,Voltage,Current\n0,4.1,1\n1,4.x,1\n", ", line 3, column 2 (Voltage): expected a finite number, met \"4.x\""),
             ("Time,Voltage,Current\n0,4.1,1\n1,4.1\n", ", line 3, column 3 (Current): expected a finite number, met the end of the line"),
+            ("Time,Voltage,Current\n0,4,1,1\n1,4,1,1\n", ", line 2, column 4: expected 3 fields, met 4"),
             ("Time,Voltage,Current\n0,4.1,1\n,4.1,1\n", ", line 3, column 1 (Time): expected a finite number, met \"\""),
             (
                 "Time,Voltage,Current\n0,4.1,1\n0,4.1,1\n",

@@ -62,9 +62,9 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Result<FileSpectra, For
     Some(Ok(read))
 }
 
-/// A row of numbers names nothing: most lines are passed over by their first characters.
+/// A row of numbers names nothing; its only letter is that of an exponent.
 fn may_be_names(line: &str) -> bool {
-    line.chars().any(char::is_alphabetic) && line.len() > 2
+    line.len() > 2 && line.chars().any(|c| c.is_alphabetic() && !matches!(c, 'e' | 'E'))
 }
 
 /// The text; degrees and square centimetres come in code pages of one byte, whose first half is ASCII.

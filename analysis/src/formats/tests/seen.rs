@@ -28,6 +28,8 @@ fn the_separator_never_changes_between_header_and_data() {
     assert!(near(&points("parstat.txt", parstat), &[(10.0, 0.031, -0.006), (100.0, 0.030, -0.004)]));
     let spaced = "Frequency / Hz\tRe(Z) / mOhm\t-Im(Z) / mOhm\n100\t30\t4\n10\t31\t6\n";
     assert!(near(&points("spaced.txt", spaced), &[(10.0, 0.031, -0.006), (100.0, 0.030, -0.004)]));
+    let blanks = "Freq (Hz) Zre (mOhm) -Zim (mOhm)\n100 30 4\n10 31 6\n";
+    assert!(near(&points("blanks.txt", blanks), &[(10.0, 0.031, -0.006), (100.0, 0.030, -0.004)]));
     let unknown = read("x.txt", "Frequency (Hz)\tZre (quatloos)\tZim (quatloos)\n100\t30\t4\n").unwrap_err();
     assert!(unknown.contains("line 1, column 2 (Zre (quatloos))") && unknown.contains("met \"quatloos\""), "{unknown}");
     // Names by blanks, numbers by another separator: the columns cannot be counted.

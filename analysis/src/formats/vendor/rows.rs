@@ -74,7 +74,6 @@ impl<'a> Reader<'a> {
         self.met_table = true;
         let name = self.name_table(header);
         let before = self.rows.rows.len();
-        let mut used = vec![false; table.others.len()];
         let (mut seen, mut end) = (0, self.lines.len());
         for at in header + 1..self.lines.len() {
             if is_title(self.lines[at]).is_some() {
@@ -95,17 +94,15 @@ impl<'a> Reader<'a> {
                 }
                 Told::Row(freq) => {
                     seen += 1;
+                    // So EC-Lab marks direct current.
                     if freq != 0.0 {
-                        self.check_mark(&line, &table)?;
                         self.take_row(&line, &table, &name)?;
-                        for (used, (place, _)) in used.iter_mut().zip(&table.others) {
-                            *used |= line.number(*place).is_some_and(|value| value != 0.0);
-                        }
+                        table.others.iter_mut().for_each(|other| other.used |= line.number(other.index).is_some_and(|value| value != 0.0));
                     }
                 }
             }
         }
-        self.tell(&table, before, &used)?;
+        self.tell(&table, before)?;
         Ok(end)
     }
 
@@ -138,8 +135,8 @@ impl<'a> Reader<'a> {
     }
 
     /// Tells what was not read, and settles phases without unit.
-    fn tell(&mut self, table: &Table, before: usize, used: &[bool]) -> Result<(), FormatError> {
-        let left: Vec<&str> = table.others.iter().zip(used).filter(|(_, used)| **used).map(|((_, title), _)| title.as_str()).collect();
+    fn tell(&mut self, table: &Table, before: usize) -> Result<(), FormatError> {
+        let left: Vec<&str> = table.others.iter().filter(|other| other.used).map(|other| other.title.as_str()).collect();
         if !left.is_empty() {
             self.notes.push(format!("{}: {} is read; {} are left out", self.file(), table.curves[0].columns[0].title, left.join(", ")));
         }
@@ -175,6 +172,7 @@ impl<'a> Reader<'a> {
     }
 
     fn take_row(&mut self, line: &Line<'_>, table: &Table, name: &str) -> Result<(), FormatError> {
+        self.check_mark(line, table)?;
         let freq_hz = line.finite(&table.freq, "a positive finite frequency in Hz", |value| value > 0.0)? * table.freq.factor();
         let labels: Vec<(Key, String)> = table
             .labels

@@ -46,8 +46,17 @@ pub(super) struct Table {
     pub(super) curves: Vec<Curve>,
     /// Columns that tell spectra apart: their kind and place.
     pub(super) labels: Vec<(&'static str, usize)>,
-    /// Impedances of other electrodes, which are not read: their place and title.
-    pub(super) others: Vec<(usize, String)>,
+    /// Impedances of other electrodes, which are not read.
+    pub(super) others: Vec<Other>,
+}
+
+/// A column that is not read.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Other {
+    pub(super) index: usize,
+    pub(super) title: String,
+    /// True once a number other than zero was met in it.
+    pub(super) used: bool,
 }
 
 /// A row of names with its place, for messages.
@@ -112,7 +121,7 @@ fn candidates(line: &str) -> Vec<(char, Vec<&str>)> {
     }
     match ['\t', ';', ','].into_iter().find(|separator| line.contains(*separator)) {
         Some(separator) => vec![(separator, fields(line, separator))],
-        None => vec![(' ', wide(trimmed)), (' ', trimmed.split_whitespace().collect())],
+        None => vec![(' ', wide(trimmed)), (' ', with_units(trimmed)), (' ', trimmed.split_whitespace().collect())],
     }
     .into_iter()
     .map(|(separator, mut titles)| {
@@ -127,6 +136,17 @@ fn candidates(line: &str) -> Vec<(char, Vec<&str>)> {
 /// Names with two blanks or more between them.
 fn wide(text: &str) -> Vec<&str> {
     text.split("  ").map(str::trim).filter(|name| !name.is_empty()).collect()
+}
+
+/// Names with a blank between them and before units in brackets.
+fn with_units(text: &str) -> Vec<&str> {
+    let starts = text.char_indices().filter(|(at, c)| {
+        let before = text[..*at].chars().next_back();
+        !c.is_whitespace() && !matches!(c, '(' | '[') && before.is_none_or(char::is_whitespace)
+    });
+    let starts: Vec<usize> = starts.map(|(at, _)| at).collect();
+    let ends = starts.iter().skip(1).copied().chain([text.len()]);
+    starts.iter().zip(ends).map(|(start, end)| text[*start..end].trim()).collect()
 }
 
 /// Fields of a line, without blanks and quotes around them.
@@ -176,7 +196,7 @@ impl<'a> Header<'a> {
         let freq = self.column(Quantity::Frequency, false)?;
         let labels = self.titles.iter().enumerate().filter_map(|(index, title)| Some((sweeps::label(title)?, index))).collect();
         let others = self.titles.iter().enumerate().filter(|(index, title)| self.named[*index].is_none() && of_another(title));
-        let others = others.map(|(index, title)| (index, (*title).to_owned())).collect();
+        let others = others.map(|(index, title)| Other { index, title: (*title).to_owned(), used: false }).collect();
         Ok(Table { line: self.line - 1, separator, width: self.titles.len(), freq, curves, labels, others })
     }
 
