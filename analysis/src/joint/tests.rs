@@ -198,7 +198,12 @@ fn answers_to_steps_have_the_slopes_they_state() {
 fn the_likelihood_has_the_gradient_it_states() {
     use crate::fit::Smooth;
     let case = synthetic(4);
-    let likelihood = problem::Likelihood { spectrum: &case.pooled, factor: case.pooled.factor().unwrap(), windows: &case.windows[..2], gain_sigma: 0.013 };
+    let likelihood = problem::Likelihood {
+        spectrum: &case.pooled,
+        factor: case.pooled.factor().unwrap(),
+        windows: &case.windows[..2],
+        gain_sigma: 0.013,
+    };
     let mut x = truth().log_parameters();
     x.iter_mut().enumerate().for_each(|(k, v)| *v += 0.02 * (k as f64).sin());
     x.extend([0.015, 0.4]);
