@@ -58,7 +58,7 @@ fn a_pulse_on_the_pack_has_the_fixed_fields_and_the_voltage_of_its_resistances()
 #[test]
 fn too_much_power_is_a_result_and_the_tangent_goes_on() {
     let folder = fitted();
-    std::fs::write(folder.path().join("jump.txt"), "0 100\n0.5 600\n0.501 100\n1 0\n").unwrap();
+    std::fs::write(folder.path().join("jump.txt"), "0 100\n0.5 600\n0.5005 100\n1 0\n").unwrap();
     let base = ["simulate", "--model", "p45b/model_4rc.json", "--profile", "jump.txt", "--ocv-v", "3.72", "--json"];
     let stopped = json(folder.path(), &base);
     assert_eq!(stopped["feasible"], Value::Bool(false));

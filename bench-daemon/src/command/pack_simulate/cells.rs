@@ -136,7 +136,7 @@ impl<'a> Table<'a> {
         let mut packs: BTreeMap<usize, Vec<PlacedCell>> = BTreeMap::new();
         for ((draw, group, _), cell) in self.cells {
             let pack = packs.entry(draw).or_default();
-            let beside = if pack.len() % parallel as usize == 0 { None } else { pack.last() };
+            let beside = if pack.len().is_multiple_of(parallel as usize) { None } else { pack.last() };
             if let Some(other) = beside.filter(|other| other.soc != cell.soc) {
                 let reason = format!("expected one state of charge for the cells of group {group}, which rest at one voltage");
                 let file = self.path.display();
