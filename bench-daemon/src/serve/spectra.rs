@@ -72,7 +72,7 @@ pub fn read(run: &Path, file: &str) -> Option<Spectrum> {
     let mut points: Vec<Point> = read_spectrum_csv(&run.join(file)).ok()?.iter().map(Point::from).collect();
     points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
     let name = file.trim_end_matches(".csv").to_owned();
-    Some(Spectrum { corrected: !name.contains("raw_"), name, points, ..Spectrum::default() })
+    Some(Spectrum { corrected: !name.contains("raw_"), name, points })
 }
 
 /// Fitted models of a run folder, as their files hold them.
