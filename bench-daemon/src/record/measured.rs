@@ -143,12 +143,16 @@ impl Recorder {
         Ok(dataset::write_spectrum_csv(&self.path(name), points)?)
     }
 
-    /// As [`Self::spectrum`], with the errors that the points share.
+    /// Writes a spectrum whole, with the errors that its points share.
     ///
     /// # Errors
     /// A file that cannot be written.
     pub fn whole_spectrum(&self, name: &str, spectrum: &Spectrum) -> Result<(), RecordError> {
+        let path = self.path(name);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
+        }
         self.room(name)?;
-        Ok(dataset::write_whole_spectrum_csv(&self.path(name), spectrum)?)
+        Ok(dataset::write_whole_spectrum_csv(&path, spectrum)?)
     }
 }

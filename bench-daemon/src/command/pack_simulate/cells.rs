@@ -11,10 +11,7 @@ use analysis::{
 use serde::Serialize;
 
 use super::PackSimulateArgs;
-use crate::{
-    command::{Failure, files},
-    terminal::say,
-};
+use crate::{command::Failure, terminal::say};
 
 /// The packs cell by cell, where they are given or asked for; the table is written if it is to be.
 pub(super) fn packs(

@@ -99,6 +99,9 @@ impl<'a> Sweeping<'a> {
             let covariance = self.correction.measured_parts(&point.phasors).into_iter().sum();
             ImpedancePoint { covariance, ..self.corrected(point) }
         });
+        if let Some(file) = &self.file {
+            recorder.spectrum(file, &corrected)?;
+        }
         let (begin_s, end_s) = points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.time_s), b.max(p.time_s)));
         points.dedup_by(|a, b| {
             let same = a.phasors.freq_hz == b.phasors.freq_hz;
@@ -112,8 +115,9 @@ impl<'a> Sweeping<'a> {
         let named = |points| Spectrum::new(self.spectrum_name(), points);
         let phasors: Vec<ChannelPhasors> = points.iter().map(|point| point.phasors).collect();
         let spectrum = self.with_shared(named(corrected), &phasors);
-        if let Some(file) = &self.file {
-            recorder.whole_spectrum(file, &spectrum)?;
+        if let Some(file) = self.file.as_ref().filter(|_| !spectrum.shared.is_empty()) {
+            let name = file.strip_prefix("spectra/").unwrap_or(file);
+            recorder.whole_spectrum(&format!("shared/{name}"), &spectrum)?;
         }
         Ok(Settled { points, spectrum, own_noise: named(own) })
     }
