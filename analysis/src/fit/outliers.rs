@@ -1,8 +1,10 @@
 //! Single points that belong to no impedance of a linear system: a wrong sign, a slipped digit, a record of something else. Least squares gives way to
 //! them, so that all residuals become large together and none of them tells; the Kramers–Kronig test, which knows no order, finds them.
 
+use num_complex::Complex64;
+
 use super::options::Objective;
-use super::problem::{Problem, quadratic};
+use super::problem::{Group, Problem, quadratic};
 use crate::brief::brief;
 use crate::model::Erm;
 use crate::spectrum::{Covariance2, Spectrum};
@@ -14,13 +16,11 @@ const FALSE_ALARM_RATE: f64 = 0.01;
 const MOST_NAMED: usize = 4;
 
 /// A point lies further from the model than the scatter of all residuals explains: their size by its median, of normal noise in two parts √(2 ln 2) of its
-/// standard deviation, so that the point itself counts little.
+/// standard deviation, so that the point itself counts little. What points have in common is at its best, as in the fit.
 pub(super) fn one_stands_out(problem: &Problem, erm: &Erm) -> bool {
-    let off = |g: &super::problem::Group| {
-        let z = erm.impedance(g.freq_hz);
-        g.points.iter().map(|p| quadratic(&p.weight, z - p.z)).collect::<Vec<f64>>()
-    };
-    let mut squares: Vec<f64> = problem.groups.iter().flat_map(off).collect();
+    let seen = problem.seen(&erm.log_parameters());
+    let off = |(g, seen): (&Group, &Vec<Complex64>)| g.points.iter().zip(seen).map(|(p, z)| quadratic(&p.weight, z - p.z)).collect::<Vec<f64>>();
+    let mut squares: Vec<f64> = problem.groups.iter().zip(&seen).flat_map(off).collect();
     squares.sort_by(f64::total_cmp);
     let (Some(median), Some(largest)) = (squares.get(squares.len() / 2), squares.last()) else { return false };
     let scale = median / (2.0 * std::f64::consts::LN_2);

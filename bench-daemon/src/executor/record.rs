@@ -64,7 +64,8 @@ pub(crate) fn analyse(asked: &Asked, taken: &Taken<'_>, mut warnings: Vec<String
     let interval_s = taken.interval_s;
     let record = Record { channels: &taken.channels, interval_s };
     let periods = interval_s * taken.channels[0].len() as f64 * freq_hz;
-    if periods < MIN_RECORD_PERIODS {
+    // Two clocks differ by parts per million: a screen of two periods may hold a sample less.
+    if periods < MIN_RECORD_PERIODS * (1.0 - FREQ_TOLERANCE) {
         let reason =
             format!("expected a record of at least {MIN_RECORD_PERIODS} periods, found {periods:.2}: does the scope's time run as ours?");
         return Err(fail(reason));

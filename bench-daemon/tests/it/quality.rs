@@ -37,6 +37,11 @@ fn leaking(files: Files, rise_v: f64) -> Files {
         .append(SCENARIO, "[effects.self_discharge]\ncurrent_a = 10.0")
 }
 
+/// Records of two periods: too short for relaxations to be fitted beside the sinusoid.
+fn brief(files: Files) -> Files {
+    files.edit(EXPERIMENT, "periods = 11", "periods = 11\nperiods_on_screen = 2")
+}
+
 /// Its resistances fall with the state of charge: by one per cent in a second.
 fn falling(files: Files) -> Files {
     leaking(files, 0.05).append(SCENARIO, "[effects.soc_resistance]\nslope = 2.0\nreference_soc = 0.5")
@@ -49,7 +54,7 @@ fn every_criterion_fires_on_its_own_fault_and_the_point_is_flagged() {
         ("noise", gated(100.0, 2, "").append(SCENARIO, "[harness]\nnoise_fraction = 0.05")),
         // The supply cannot reach the crest of the sinusoid.
         ("distortion", gated(100.0, 2, "").append(SCENARIO, "[drives.bipolar]\ngreatest_a = 0.9")),
-        ("drift", leaking(gated(1.0, 2, "drift = \"0.1 %\""), 0.8)),
+        ("drift", leaking(brief(gated(1.0, 2, "drift = \"0.1 %\"")), 0.8)),
         ("difference of the halves", falling(gated(1.0, 2, ""))),
         ("Kramers–Kronig residual", falling(gated(1.0, 8, loose))),
     ];
@@ -105,7 +110,7 @@ fn no_budget_means_no_further_record_and_the_flag_all_the_same() {
 fn a_cell_that_comes_to_rest_meanwhile_is_measured_again_and_passes() {
     let reset = "\n[soc_reset]\ndischarge_current = \"5 A\"\ndischarge_until = \"3.84 V\"\ncharge_current = \"3 A\"\ncharge_voltage = \"4.2 V\"\n\
                  charge_until = \"4.0 V\"\nrest_min = \"1 s\"\nrest_max = \"2 s\"\nrest_slope = \"0.2 mV/min\"\nmax_duration = \"2 h\"";
-    let files = gated(1.0, 2, "again = 8\ndrift = \"0.1 %\"")
+    let files = brief(gated(1.0, 2, "again = 8\ndrift = \"0.1 %\""))
         .append(EXPERIMENT, reset)
         .append(SCENARIO, "[effects.slow_rc]\nr_ohm = 0.3\ntau_s = 60.0");
     let (finished, index, events) = run(&files);

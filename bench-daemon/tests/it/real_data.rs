@@ -63,8 +63,8 @@ fn panasonic_lacks_something_like_diffusion_and_a_rest_stays_without_a_name() {
     assert_eq!((d["verdict"].as_str().unwrap(), names(&d["effects"])), ("unexplained", vec!["diffusion"]));
     // A slow process with a power law at its onset: which of its forms, data without repeats cannot tell.
     assert_eq!(names(&d["rivals"]), ["cpe", "warburg"]);
-    within(gap_mv(&d, "2C"), [13.45, 8.75, 3.45]);
-    within(gap_mv(&d, "6C"), [25.75, 16.17, 5.82]);
+    within(gap_mv(&d, "2C"), [14.59, 8.74, 3.45]);
+    within(gap_mv(&d, "6C"), [34.25, 16.15, 5.82]);
     // No repeats: whatever is left, it is not said to be noise.
     assert!(
         d["noise"]["from_repeats"] == false && d["notes"][0].as_str().unwrap().contains("no noise floor can be claimed"),
@@ -77,8 +77,8 @@ fn panasonic_lacks_something_like_diffusion_and_a_rest_stays_without_a_name() {
 fn six_branches_imitate_the_diffusion_of_panasonic() {
     let Some(d) = panasonic("auto") else { return };
     assert_eq!((d["verdict"].as_str().unwrap(), names(&d["effects"])), ("unexplained", Vec::new()));
-    within(gap_mv(&d, "2C"), [6.88, 3.46, 3.46]);
-    within(gap_mv(&d, "6C"), [25.51, 5.92, 5.92]);
+    within(gap_mv(&d, "2C"), [7.21, 3.46, 3.46]);
+    within(gap_mv(&d, "6C"), [16.83, 5.91, 5.91]);
 }
 
 fn p45b(set: &str) -> Option<Value> {
@@ -96,9 +96,9 @@ fn pulses_of_p45b_relax_slower_than_its_spectra_and_do_not_tell_why() {
     let mut rivals = names(&d["rivals"]);
     rivals.sort_unstable();
     assert_eq!(rivals, ["cpe", "diffusion"]);
-    within(gap_mv(&d, "pulse_4"), [0.495, 0.450, 0.373]);
-    within(gap_mv(&d, "pulse_6"), [0.405, 0.379, 0.297]);
-    within(gap_mv(&d, "pulse_8"), [0.490, 0.443, 0.455]);
+    within(gap_mv(&d, "pulse_4"), [0.481, 0.451, 0.372]);
+    within(gap_mv(&d, "pulse_6"), [0.426, 0.380, 0.296]);
+    within(gap_mv(&d, "pulse_8"), [0.460, 0.444, 0.454]);
     assert!(d["noise"]["from_repeats"] == false, "the sweeps repeat, the pulses do not");
 }
 
@@ -108,7 +108,7 @@ fn a_direct_current_changes_p45b_in_no_way_of_the_catalogue() {
     assert_eq!(d["verdict"], "unexplained");
     let gap = &d["gap_spectra"][0];
     let met = ["eis_only_percent", "base_percent", "augmented_percent"].map(|key| gap[key].as_f64().unwrap());
-    within(met, [2.32, 2.01, 2.01]);
+    within(met, [2.38, 2.01, 2.01]);
 }
 
 /// Hysteresis is the best name of the catalogue, and friction, a hysteresis of another form, does better: nothing is named.
