@@ -14,6 +14,10 @@ use crate::spectrum::{ChannelPhasors, SharedError, Spectrum};
 /// Least sum over all points of (deviation over noise)² that makes an error worth carrying: it would change a χ² by this much.
 const LEAST: f64 = 1e-2;
 
+/// Impedance of a cell over that of the control: 3.75 mΩ of the thesis' fake cell stand for cells of 10 mΩ.
+const FACTOR: f64 = 3.0;
+const SPAN: [Complex64; 3] = [Complex64::ZERO, Complex64::new(FACTOR, 0.0), Complex64::new(0.0, FACTOR)];
+
 /// Independent errors of a correction; the same for all spectra that it corrects.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CorrectionModes {
@@ -23,9 +27,19 @@ pub struct CorrectionModes {
 }
 
 impl CorrectionModes {
-    /// Errors that matter to a sweep. `run` names the run: errors of two runs are not the same.
-    pub fn new(correction: &Correction, sweep: &[ChannelPhasors], run: &str) -> Self {
+    /// Errors that matter to things in the jig. `control` is a sweep of one of known impedance; without it all errors are kept. `run` names the run: errors of
+    /// two runs are not the same.
+    ///
+    /// The error of an impedance is affine in it. A short, a thing of [`FACTOR`] times the control's impedance and one turned by 90° so span every cell; the
+    /// control alone would not do, for the correction is made to be right on it.
+    pub fn new(correction: &Correction, control: &[ChannelPhasors], run: &str) -> Self {
         let roots = root(&correction.covariance);
+        let run = run.to_owned();
+        if control.is_empty() {
+            let modes = roots.into_iter().filter(|column| column.iter().any(|change| *change != 0.0)).collect();
+            return Self { run, modes };
+        }
+        let sweep: Vec<ChannelPhasors> = SPAN.iter().flat_map(|factor| control.iter().map(|phasors| across(phasors, *factor))).collect();
         let mut rows = DMatrix::zeros(2 * sweep.len(), COUNT);
         for (k, phasors) in sweep.iter().enumerate() {
             let own = correction.measured_parts(phasors).into_iter().sum::<crate::spectrum::Covariance2>();
@@ -43,7 +57,7 @@ impl CorrectionModes {
             let turn = eigen.eigenvectors.column(*k);
             std::array::from_fn(|p| roots.iter().zip(turn.iter()).map(|(column, t)| column[p] * t).sum())
         };
-        Self { run: run.to_owned(), modes: order.iter().map(mode).collect() }
+        Self { run, modes: order.iter().map(mode).collect() }
     }
 
     /// The errors at the points of a sweep, in its order.
@@ -68,6 +82,12 @@ impl Correction {
         }
         Spectrum { shared: modes.shared(self, sweep), ..spectrum }
     }
+}
+
+/// Phasors of a control with another thing in its place: the voltage between C3 and C4 is so many times as large.
+fn across(phasors: &ChannelPhasors, factor: Complex64) -> ChannelPhasors {
+    let [v1, v2, v3, v4] = phasors.volts;
+    ChannelPhasors { volts: [v1, v2, v3, v3 + factor * (v4 - v3)], ..*phasors }
 }
 
 /// Columns L of a covariance C = LLᵀ, by its eigenvalues over scaled parameters, so that units do not matter.

@@ -19,7 +19,8 @@ const MOST_NAMED: usize = 4;
 /// standard deviation, so that the point itself counts little. What points have in common is at its best, as in the fit.
 pub(super) fn one_stands_out(problem: &Problem, erm: &Erm) -> bool {
     let seen = problem.seen(&erm.log_parameters());
-    let off = |(g, seen): (&Group, &Vec<Complex64>)| g.points.iter().zip(seen).map(|(p, z)| quadratic(&p.weight, z - p.z)).collect::<Vec<f64>>();
+    let off =
+        |(g, seen): (&Group, &Vec<Complex64>)| g.points.iter().zip(seen).map(|(p, z)| quadratic(&p.weight, z - p.z)).collect::<Vec<f64>>();
     let mut squares: Vec<f64> = problem.groups.iter().zip(&seen).flat_map(off).collect();
     squares.sort_by(f64::total_cmp);
     let (Some(median), Some(largest)) = (squares.get(squares.len() / 2), squares.last()) else { return false };

@@ -1,7 +1,7 @@
 //! The correction of the harness against a bench of closed formulas.
 
-use analysis::calibration::{COMMON, ControlTolerance, Controls, Correction, KnownImpedance, Priors, check_control};
-use analysis::spectrum::{ChannelPhasors, Covariance2, ImpedancePoint, PhasorVariance, raw_impedance};
+use analysis::calibration::{COMMON, ControlTolerance, Controls, Correction, CorrectionModes, KnownImpedance, Priors, check_control};
+use analysis::spectrum::{ChannelPhasors, Covariance2, ImpedancePoint, PhasorVariance, Spectrum, raw_impedance};
 use num_complex::Complex64;
 
 use crate::bench::{Bench, FAKE_CELL, Probes, SHUNT, cell, fake_cell};
@@ -197,6 +197,37 @@ fn the_common_error_is_what_the_correction_carries() {
     let flat = correction.carried_covariance(runs.cell.iter().min_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz)).unwrap()).re_re;
     assert!(squares > 0.0 && squares < 2.0 * (correction.carried_covariance(end).re_re + flat), "{squares} Ω²");
     assert!(correction.common_error(&runs.cell[..1], &[]).is_none());
+}
+
+/// The shared errors of a cell's spectrum add up to what the correction leaves in it, with any control to choose them by and with none.
+#[test]
+fn shared_errors_add_up_to_what_the_correction_carries() {
+    let mut noise = Noise::new(5);
+    let runs = runs(&crooked(), &mut noise);
+    let controls = Controls {
+        current_shunt: known(SHUNT, &mut noise),
+        shunt: &runs.shunt,
+        fake_cell: Some((known(FAKE_CELL, &mut noise), &runs.fake)),
+        short: None,
+        open: None,
+        priors: Priors::default(),
+    };
+    let correction = Correction::fit(&controls).unwrap();
+    for control in [&runs.fake[..], &[]] {
+        let modes = CorrectionModes::new(&correction, control, "test");
+        let points = runs.cell.iter().map(|phasors| correction.apply(phasors)).collect();
+        let spectrum = correction.with_shared(Spectrum::new("cell", points), &runs.cell, &modes);
+        assert!(spectrum.shared.len() < 17, "{}", spectrum.shared.len());
+        for (k, phasors) in runs.cell.iter().enumerate() {
+            let carried = correction.carried_covariance(phasors);
+            let own: f64 = correction.measured_parts(phasors).iter().map(|part| part.re_re.max(part.im_im)).sum();
+            let sum: Covariance2 = spectrum.shared.iter().map(|error| Covariance2::along(error.at_ohm[k])).sum();
+            // What is left out is small against the noise of the point.
+            for (all, shared) in [(carried.re_re, sum.re_re), (carried.im_im, sum.im_im)] {
+                assert!((all - shared).abs() < 0.01 * own + 1e-6 * all, "{} Hz: {all:e} and {shared:e}, noise {own:e}", phasors.freq_hz);
+            }
+        }
+    }
 }
 
 #[test]

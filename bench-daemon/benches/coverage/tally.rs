@@ -61,6 +61,15 @@ impl Tally {
         self
     }
 
+    /// The deviations over their standard deviations, one quantity per line in the order of the seeds.
+    pub(crate) fn rows(&self) -> String {
+        let of = |(_, name): &(usize, String), row: &Row| {
+            let values: Vec<String> = row.deviations.iter().map(|d| format!("{d:.4}")).collect();
+            format!("\"{name}\",{}\n", values.join(","))
+        };
+        self.rows.iter().map(|(key, row)| of(key, row)).collect()
+    }
+
     /// The table in Markdown.
     pub(crate) fn table(&self, title: &str) -> String {
         let mut text = format!(

@@ -130,8 +130,7 @@ impl<'a> Sweeping<'a> {
         let text = serde_json::to_string(&self.correction).unwrap_or_default();
         let run: String = crate::hash::sha256(text).chars().take(12).collect();
         // Chosen by the control in the jig, so that they are the same for every sweep of the run.
-        let chosen_by = if self.jig.is_empty() { phasors } else { &self.jig };
-        let modes = CorrectionModes::new(&self.correction, chosen_by, &run);
+        let modes = CorrectionModes::new(&self.correction, &self.jig, &run);
         self.correction.with_shared(spectrum, phasors, &modes)
     }
 
