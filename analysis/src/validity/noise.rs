@@ -48,7 +48,8 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// The noise of a spectrum: its own covariances; else the scatter of the repeats (which include it) if there are [`FEWEST_REPEATS`] on its grid
+    /// The noise of a spectrum: the stated covariances without the errors that its points share (a gain, a skew, an inductance, charge storage, which are
+    /// impedances of linear systems themselves); else the scatter of the repeats (which include it) if there are [`FEWEST_REPEATS`] on its grid
     /// and at its amplitude; else a smoother's residual.
     ///
     /// # Errors
@@ -59,7 +60,7 @@ impl Noise {
         }
         let stated = spectrum.points.iter().all(|p| p.covariance.is_valid() && p.covariance.re_re > 0.0 && p.covariance.im_im > 0.0);
         if stated {
-            let covariance = spectrum.points.iter().map(|p| p.covariance).collect();
+            let covariance = (0..spectrum.points.len()).map(|k| spectrum.own_covariance(k)).collect();
             return Ok(Self { covariance, dof: None, source: NoiseSource::Stated });
         }
         let alike: Vec<&Spectrum> = repeats.iter().filter(|r| same_grid(r, spectrum) && same_amplitude(r, spectrum)).collect();
@@ -70,6 +71,15 @@ impl Noise {
         };
         let covariance = spectrum.points.iter().zip(&relative).map(|(p, r)| Covariance2::circular((r * p.z_ohm.norm()).powi(2))).collect();
         Ok(Self { covariance, dof: Some(dof), source })
+    }
+
+    /// The same where each point's whole uncertainty counts: with stated covariances, what points share is in it.
+    #[must_use]
+    pub fn with_shared(self, spectrum: &Spectrum) -> Self {
+        match self.source {
+            NoiseSource::Stated => Self { covariance: spectrum.points.iter().map(|p| p.covariance).collect(), ..self },
+            _ => self,
+        }
     }
 
     /// Standard deviation of the points relative to |Z|, the median of both parts.

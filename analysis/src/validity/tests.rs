@@ -441,3 +441,26 @@ fn reversed_leads_are_named() {
         assert!(v.text.starts_with("not valid: the real part is negative: leads reversed?"), "{}", v.text);
     }
 }
+
+/// An error that all points share is an impedance of a linear system: it is no noise that would hide a bad point.
+#[test]
+fn shared_errors_do_not_hide_a_bad_point() {
+    let sigma = 1e-5;
+    let point = |k: i32| {
+        let freq_hz = 0.1 * 10f64.powf(f64::from(k) / 6.0);
+        let z_ohm = 0.006 + 0.004 / Complex64::new(1.0, TAU * freq_hz * 0.05) + if k == 12 { 8e-5 } else { 0.0 };
+        ImpedancePoint { freq_hz, z_ohm, covariance: Covariance2::circular(sigma * sigma), amplitude_a: 1.0 }
+    };
+    let mut spectrum = Spectrum::new("shared", (0..24).map(point).collect());
+    let grade = |spectrum: &Spectrum| kramers_kronig(spectrum, &Noise::of(spectrum, &[]).unwrap()).unwrap().outcome;
+    assert_eq!(grade(&spectrum), KkOutcome::SinglePoints);
+    // A gain of 1 %, stated.
+    let at_ohm: Vec<Complex64> = spectrum.points.iter().map(|p| 0.01 * p.z_ohm).collect();
+    for (point, direction) in spectrum.points.iter_mut().zip(&at_ohm) {
+        point.covariance = point.covariance + Covariance2::along(*direction);
+    }
+    spectrum.shared = vec![crate::spectrum::SharedError { name: "gain".to_owned(), at_ohm }];
+    assert_eq!(grade(&spectrum), KkOutcome::SinglePoints);
+    let all = Noise::of(&spectrum, &[]).unwrap().with_shared(&spectrum);
+    assert_eq!(all.covariance[3], spectrum.points[3].covariance);
+}

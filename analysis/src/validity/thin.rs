@@ -1,7 +1,7 @@
 //! Long spectra: the tests are made for tens of points. Z-HIT holds matrices of points × points, and points are left out one by one, so that time and memory
 //! grow with the square of their number and more. Beyond some number nothing is gained: the ladder has no more than sixty elements.
 
-use crate::spectrum::Spectrum;
+use crate::spectrum::{SharedError, Spectrum};
 
 /// Points that are judged at most: eight for each of the ladder's sixty elements, and the matrices of Z-HIT stay at 2 MB each.
 pub const MOST_POINTS: usize = 500;
@@ -26,7 +26,16 @@ pub fn thinned(spectrum: &Spectrum) -> Option<Spectrum> {
             taken.push(next);
         }
     }
-    Some(Spectrum { name: spectrum.name.clone(), points: taken.into_iter().map(|k| points[k]).collect(), ..Spectrum::default() })
+    let of = |error: &SharedError| SharedError {
+        name: error.name.clone(),
+        at_ohm: taken.iter().filter_map(|k| error.at_ohm.get(*k).copied()).collect(),
+    };
+    Some(Spectrum {
+        name: spectrum.name.clone(),
+        shared: spectrum.shared.iter().map(of).collect(),
+        points: taken.iter().map(|k| points[*k]).collect(),
+        less: spectrum.less,
+    })
 }
 
 /// By how many points a spectrum was judged.

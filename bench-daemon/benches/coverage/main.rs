@@ -1,5 +1,5 @@
 //! Coverage of stated uncertainties: plays a shipped experiment on the simulated bench over many seeds and counts how often the truth lies within
-//! the stated 68 % and 95 % intervals, per frequency and per parameter.
+//! the stated 68 % and 95 % intervals, per frequency and per parameter. Fails where the seeds refute a 95 % interval. `cargo test` plays a share of it.
 //!
 //! `cargo bench --profile dev -p bench-daemon --bench coverage -- demo accurate multisine thesis campaign joint --seeds 100 --from 1`
 
@@ -45,15 +45,26 @@ fn asked() -> Result<Asked, Box<dyn std::error::Error>> {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let asked = asked()?;
     let seeds: Vec<u64> = (asked.from..asked.from + asked.seeds).collect();
+    let mut refuted = Vec::new();
     for name in &asked.names {
         let tally: Tally = if name == "joint" { synthetic::play(&seeds) } else { played::play(&configs(), name, &seeds)? };
         eprintln!("{}", tally.table(&format!("{name}, {} seeds from {}", asked.seeds, asked.from)));
         if let Some(folder) = &asked.out {
             std::fs::create_dir_all(folder)?;
-            std::fs::write(folder.join(format!("{name}.csv")), tally.rows())?;
+            std::fs::write(folder.join(format!("{name}.csv")), csv(&tally))?;
         }
+        refuted.extend(tally.refuted().into_iter().map(|row| format!("{name}: {row}")));
     }
-    Ok(())
+    if refuted.is_empty() { Ok(()) } else { Err(format!("95 % intervals that these seeds refute: {}", refuted.join("; ")).into()) }
+}
+
+/// The deviations over their standard deviations, one quantity per line in the order of the seeds.
+fn csv(tally: &Tally) -> String {
+    let line = |(name, deviations): (&str, &[f64])| {
+        let values: Vec<String> = deviations.iter().map(|d| format!("{d:.4}")).collect();
+        format!("\"{name}\",{}\n", values.join(","))
+    };
+    tally.rows().map(line).collect()
 }
 
 fn configs() -> PathBuf {

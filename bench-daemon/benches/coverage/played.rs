@@ -17,7 +17,7 @@ use instruments::mock::plant::Fixture;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
-use crate::tally::Tally;
+use super::tally::Tally;
 
 /// Number of branches of the simulated cell: other orders have no truth.
 const TRUE_RC: usize = 4;
@@ -65,7 +65,10 @@ fn judge(tally: &mut Tally, _experiment: &Experiment, finished: &Finished, folde
     }
     let Ok(text) = std::fs::read_to_string(folder.join(format!("model_{TRUE_RC}rc.json"))) else { return };
     match ModelFile::from_json(&text) {
-        Ok(model) => add_fit(tally, &model.fit, &truth()),
+        Ok(model) => {
+            add_fit(tally, &model.fit, &truth());
+            add_chi2(tally, &model.fit);
+        }
         Err(error) => tally.fail(error.to_string()),
     }
 }
@@ -101,9 +104,12 @@ pub(crate) fn add_fit(tally: &mut Tally, fit: &ErmFit, truth: &Erm) {
         add(&format!("τ{}", k + 1), found.time_constant_s() - truth.time_constant_s(), sigma.time_constant_s);
     }
     add("DC resistance", fit.erm.dc_resistance_ohm() - truth.dc_resistance_ohm(), fit.sigma.dc_resistance_ohm);
+}
+
+/// Adds the distance of a reduced χ² from one in units of √(2/ν): no deviation from a truth, but as rarely beyond two.
+fn add_chi2(tally: &mut Tally, fit: &ErmFit) {
     if let Some(chi2) = fit.reduced_chi2 {
-        // Not a deviation from a truth: shown as its distance from one in units of √(2/ν).
         let freedom = (2 * fit.points - fit.erm.parameter_count()) as f64;
-        add("reduced χ² less 1, over √(2/ν)", chi2 - 1.0, Some((2.0 / freedom).sqrt()));
+        tally.add(2 * PARAMETERS, "reduced χ² less 1, over √(2/ν)", chi2 - 1.0, Some((2.0 / freedom).sqrt()));
     }
 }

@@ -14,7 +14,7 @@ use num_complex::Complex64;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
-use crate::tally::Tally;
+use super::tally::Tally;
 
 /// Noise of a part of a spectrum's point, as a share of |Z|.
 const SPECTRUM_NOISE: f64 = 1.0e-3;
@@ -74,7 +74,7 @@ fn one(seed: u64) -> Tally {
     match study(&input, &options) {
         Ok((study, pooled)) => {
             if let Some(joint) = study.joint() {
-                crate::played::add_fit(&mut tally, &joint.to_erm_fit(&pooled, &options.fit), &erm);
+                super::played::add_fit(&mut tally, &joint.to_erm_fit(&pooled, &options.fit), &erm);
                 tally.add(20_000, "gain of the pulses", joint.gain - gain, joint.gain_sigma);
             }
             if let Some((alone, both)) = study.rms_v(Role::HeldOut) {

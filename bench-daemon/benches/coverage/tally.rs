@@ -6,6 +6,9 @@ use std::fmt::Write as _;
 /// Standard deviations that hold 68.27 % and 95 % of a normal distribution.
 const LEVELS: [f64; 2] = [1.0, 1.959_964];
 
+/// Probability below which a share is no chance: a table has some sixty quantities, so that one in sixteen sound tables holds such a row.
+const REFUTED: f64 = 0.001;
+
 /// Deviations of one stated quantity from its truth, each over its stated standard deviation.
 #[derive(Debug, Default, Clone)]
 pub(crate) struct Row {
@@ -61,13 +64,19 @@ impl Tally {
         self
     }
 
-    /// The deviations over their standard deviations, one quantity per line in the order of the seeds.
-    pub(crate) fn rows(&self) -> String {
-        let of = |(_, name): &(usize, String), row: &Row| {
-            let values: Vec<String> = row.deviations.iter().map(|d| format!("{d:.4}")).collect();
-            format!("\"{name}\",{}\n", values.join(","))
+    /// Quantities and their deviations over the stated standard deviations, in the order of the seeds.
+    pub(crate) fn rows(&self) -> impl Iterator<Item = (&str, &[f64])> {
+        self.rows.iter().map(|((_, name), row)| (name.as_str(), row.deviations.as_slice()))
+    }
+
+    /// Quantities whose stated 95 % interval holds the truth so rarely that chance does not explain it, and what failed.
+    pub(crate) fn refuted(&self) -> Vec<String> {
+        let rare = |(name, deviations): (&str, &[f64])| {
+            let inside = hits(deviations, LEVELS[1]);
+            let chance: f64 = (0..=inside).map(|k| probability(k, deviations.len(), 0.95)).sum();
+            (chance < REFUTED).then(|| format!("{name}: {inside} of {}", deviations.len()))
         };
-        self.rows.iter().map(|(key, row)| of(key, row)).collect()
+        self.rows().filter_map(rare).chain(self.failed.iter().cloned()).collect()
     }
 
     /// The table in Markdown.
@@ -80,7 +89,7 @@ impl Tally {
             let mean = row.deviations.iter().sum::<f64>() / n as f64;
             let chi2 = row.deviations.iter().map(|d| d * d).sum::<f64>() / n as f64;
             let worst = row.deviations.iter().map(|d| d.abs()).fold(0.0, f64::max);
-            let inside = LEVELS.map(|level| row.deviations.iter().filter(|d| d.abs() <= level).count());
+            let inside = LEVELS.map(|level| hits(&row.deviations, level));
             let (low, high) = clopper_pearson(inside[1], n);
             let percent = |hits: usize| 100.0 * hits as f64 / n as f64;
             let unstated = if row.unstated > 0 { format!(" ({} without σ)", row.unstated) } else { String::new() };
@@ -102,6 +111,10 @@ impl Tally {
         }
         text
     }
+}
+
+fn hits(deviations: &[f64], level: f64) -> usize {
+    deviations.iter().filter(|d| d.abs() <= level).count()
 }
 
 /// 95 % interval of a share by Clopper and Pearson (Biometrika 26, 1934): the shares at which so few, or so many, have a probability of 2.5 %.

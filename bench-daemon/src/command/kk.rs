@@ -147,7 +147,8 @@ fn group(cell: String, measured: Vec<Spectrum>, records: &[Record], with_drt: bo
     let measured: Vec<Spectrum> = measured.into_iter().map(|spectrum| thinned(&spectrum).unwrap_or(spectrum)).collect();
     let distribution = |spectrum: &Spectrum| {
         let noise = Noise::of(spectrum, &measured).map_err(|error| Failure::Usage(error.to_string()))?;
-        let drt = drt(spectrum, &noise).map_err(|error| Failure::Usage(error.to_string()))?;
+        // The ladder follows what points share; resistances of the distribution are as uncertain as the whole.
+        let drt = drt(spectrum, &noise.with_shared(spectrum)).map_err(|error| Failure::Usage(error.to_string()))?;
         Ok(Distribution { name: spectrum.name.clone(), start: start_values(&drt, START_BRANCHES), drt })
     };
     let drt = if with_drt { measured.iter().map(distribution).collect::<Result<_, Failure>>()? } else { Vec::new() };

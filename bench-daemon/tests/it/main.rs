@@ -10,6 +10,7 @@ mod benches;
 mod campaign;
 mod configuration;
 mod convert;
+mod coverage;
 mod crash;
 mod crash_ahead;
 mod custody;

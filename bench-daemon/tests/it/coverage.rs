@@ -1,0 +1,27 @@
+//! A share of the coverage gate (`benches/coverage`): few seeds, which refute what is wrong by a factor, not by a tenth.
+
+#[path = "../../benches/coverage/played.rs"]
+mod played;
+#[path = "../../benches/coverage/synthetic.rs"]
+mod synthetic;
+#[path = "../../benches/coverage/tally.rs"]
+mod tally;
+
+use std::path::Path;
+
+#[test]
+fn six_seeds_refute_no_interval_of_the_demo() {
+    let seeds: Vec<u64> = (80_001..80_007).collect();
+    let configs = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs"));
+    let tally = played::play(configs, "demo", &seeds).unwrap();
+    assert!(tally.rows().any(|(name, deviations)| name == "DC resistance" && deviations.len() == seeds.len()));
+    assert_eq!(tally.refuted(), [""; 0], "{}", tally.table("demo"));
+}
+
+#[test]
+fn twenty_seeds_refute_no_interval_of_joint_fits() {
+    let seeds: Vec<u64> = (80_001..80_021).collect();
+    let tally = synthetic::play(&seeds);
+    assert!(tally.rows().any(|(name, deviations)| name == "DC resistance" && deviations.len() == seeds.len()));
+    assert_eq!(tally.refuted(), [""; 0], "{}", tally.table("joint"));
+}
