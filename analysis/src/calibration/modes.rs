@@ -30,7 +30,7 @@ impl CorrectionModes {
     /// Errors that matter to things in the jig. `control` is a sweep of one of known impedance; without it all errors are kept. `run` names the run: errors of
     /// two runs are not the same.
     ///
-    /// The error of an impedance is affine in it. A short, a thing of [`FACTOR`] times the control's impedance and one turned by 90° so span every cell; the
+    /// The error of an impedance is affine in it. A short, a thing of three times the control's impedance and one turned by 90° so span every cell; the
     /// control alone would not do, for the correction is made to be right on it.
     pub fn new(correction: &Correction, control: &[ChannelPhasors], run: &str) -> Self {
         let roots = root(&correction.covariance);

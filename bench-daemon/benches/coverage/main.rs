@@ -9,6 +9,7 @@ mod tally;
 
 use std::path::PathBuf;
 
+use played::Played;
 use tally::Tally;
 
 /// The experiments that are played where none is named.
@@ -19,21 +20,24 @@ struct Asked {
     names: Vec<String>,
     seeds: u64,
     from: u64,
+    /// Harness and slope of the open-circuit voltage drawn anew for each seed.
+    drawn: bool,
     /// Folder for the deviations behind each table.
     out: Option<PathBuf>,
 }
 
 fn asked() -> Result<Asked, Box<dyn std::error::Error>> {
-    let mut asked = Asked { names: Vec::new(), seeds: 20, from: 1, out: None };
+    let mut asked = Asked { names: Vec::new(), seeds: 20, from: 1, drawn: false, out: None };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         match word.as_str() {
             "--seeds" => asked.seeds = words.next().ok_or("--seeds: expected a number")?.parse()?,
             "--from" => asked.from = words.next().ok_or("--from: expected a seed")?.parse()?,
             "--out" => asked.out = Some(words.next().ok_or("--out: expected a folder")?.into()),
+            "--drawn" => asked.drawn = true,
             "--bench" => {}
             name if ALL.contains(&name) => asked.names.push(name.to_owned()),
-            other => return Err(format!("expected one of {ALL:?}, --seeds N, --from SEED or --out FOLDER, met {other:?}").into()),
+            other => return Err(format!("expected one of {ALL:?}, --seeds N, --from SEED, --drawn or --out FOLDER, met {other:?}").into()),
         }
     }
     if asked.names.is_empty() {
@@ -47,7 +51,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let seeds: Vec<u64> = (asked.from..asked.from + asked.seeds).collect();
     let mut refuted = Vec::new();
     for name in &asked.names {
-        let tally: Tally = if name == "joint" { synthetic::play(&seeds) } else { played::play(&configs(), name, &seeds)? };
+        let tally: Tally = if name == "joint" {
+            synthetic::play(&seeds)
+        } else {
+            played::play(&Played { configs: &configs(), name, drawn: asked.drawn }, &seeds)?
+        };
         eprintln!("{}", tally.table(&format!("{name}, {} seeds from {}", asked.seeds, asked.from)));
         if let Some(folder) = &asked.out {
             std::fs::create_dir_all(folder)?;

@@ -1,7 +1,7 @@
 //! Experiments that are played on the simulated bench.
 
 use std::error::Error;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use analysis::{
     fit::{ErmFit, ModelFile},
@@ -10,35 +10,45 @@ use analysis::{
 };
 use bench_daemon::{
     command::run::{Finished, run_experiment},
-    config::{Experiment, load_experiment},
+    config::load_experiment,
 };
 use fixtures::Scenario;
 use instruments::mock::plant::Fixture;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
-use super::tally::Tally;
+use super::{synthetic::Normal, tally::Tally};
 
 /// Number of branches of the simulated cell: other orders have no truth.
 const TRUE_RC: usize = 4;
 
+/// How late a channel is against the first, one standard deviation: what a correction takes for known beforehand.
+const SKEW_SPREAD_S: f64 = 1e-6;
+/// Gains and pick-ups, one standard deviation: less than what a correction allows, for the fixture check refuses benches that lie further off.
+const GAIN_SPREAD: f64 = 0.002;
+const PICKUP_SPREAD_H: f64 = 0.08e-6;
+/// By how much the slope of the open-circuit voltage differs from that of the curve: what a run allows for.
+const SLOPE_SPREAD: f64 = 0.03;
+const CAPACITY_AH: f64 = 4.5;
+
+/// An experiment to play.
+pub(crate) struct Played<'a> {
+    /// The folder of the shipped configurations.
+    pub(crate) configs: &'a Path,
+    /// Name of the experiment in it.
+    pub(crate) name: &'a str,
+    /// Whether each seed has a harness and a slope of the open-circuit voltage of its own, drawn from what the run takes for known of them.
+    pub(crate) drawn: bool,
+}
+
 /// Plays an experiment with each of the seeds.
-pub(crate) fn play(configs: &Path, name: &str, seeds: &[u64]) -> Result<Tally, Box<dyn Error>> {
-    // The thesis' bench is made of real instruments: its experiment is played on the demo's, which is modelled on it.
-    let bench = (name == "thesis").then(|| configs.join("benches/demo.toml"));
-    let mut experiment = load_experiment(&configs.join(format!("experiments/{name}.toml")), bench.as_deref())?;
-    if !experiment.fit.rc.is_empty() {
-        experiment.fit.rc = vec![TRUE_RC];
-    }
+pub(crate) fn play(played: &Played<'_>, seeds: &[u64]) -> Result<Tally, Box<dyn Error>> {
     let scratch = tempfile::tempdir()?;
     let one = |seed: &u64| {
         let mut tally = Tally::default();
         let folder = scratch.path().join(seed.to_string());
-        let mut experiment = experiment.clone();
-        experiment.seed = *seed;
-        match run_experiment(&experiment, &folder) {
-            Ok(finished) => judge(&mut tally, &experiment, &finished, &folder),
-            Err(error) => tally.fail(format!("seed {seed}: {error}")),
+        if let Err(error) = with_seed(&mut tally, played, (*seed, &folder)) {
+            tally.fail(format!("seed {seed}: {error}"));
         }
         // A scratch folder that stays does no harm.
         let _ = std::fs::remove_dir_all(&folder);
@@ -47,7 +57,49 @@ pub(crate) fn play(configs: &Path, name: &str, seeds: &[u64]) -> Result<Tally, B
     Ok(seeds.par_iter().map(one).reduce(Tally::default, Tally::join))
 }
 
-fn judge(tally: &mut Tally, _experiment: &Experiment, finished: &Finished, folder: &Path) {
+fn with_seed(tally: &mut Tally, played: &Played<'_>, (seed, folder): (u64, &Path)) -> Result<(), Box<dyn Error>> {
+    let configs = if played.drawn { draw(played.configs, seed, folder)? } else { played.configs.to_owned() };
+    // The thesis' bench is made of real instruments: its experiment is played on the demo's, which is modelled on it.
+    let bench = (played.name == "thesis").then(|| configs.join("benches/demo.toml"));
+    let mut experiment = load_experiment(&configs.join(format!("experiments/{}.toml", played.name)), bench.as_deref())?;
+    if !experiment.fit.rc.is_empty() {
+        experiment.fit.rc = vec![TRUE_RC];
+    }
+    experiment.seed = seed;
+    let run = folder.join("run");
+    let finished = run_experiment(&experiment, &run)?;
+    judge(tally, &finished, &run);
+    Ok(())
+}
+
+/// Copies the configurations with scenarios whose harness and capacity are drawn.
+fn draw(configs: &Path, seed: u64, folder: &Path) -> Result<PathBuf, Box<dyn Error>> {
+    let copy = folder.join("configs");
+    let mut normal = Normal(seed.wrapping_mul(0x9E6C_63D0_676A_9A99));
+    let mut channel = |first: bool, offset_v: f64| {
+        let (gain, skew_s) = if first { (1.0, 0.0) } else { (1.0 + GAIN_SPREAD * normal.next(), SKEW_SPREAD_S * normal.next()) };
+        format!("{{ gain = {gain}, skew_s = {skew_s:e}, offset_v = {offset_v} }}")
+    };
+    let channels: Vec<String> = [2.1e-3, -1.3e-3, 3.4e-3, -2.6e-3].into_iter().enumerate().map(|(k, v)| channel(k == 0, v)).collect();
+    let (jig_h, shunt_h) = (PICKUP_SPREAD_H * normal.next(), PICKUP_SPREAD_H * normal.next());
+    let capacity_ah = CAPACITY_AH / (1.0 + SLOPE_SPREAD * normal.next());
+    for part in ["benches", "cells", "experiments", "scenarios"] {
+        std::fs::create_dir_all(copy.join(part))?;
+        for entry in std::fs::read_dir(configs.join(part))? {
+            let from = entry?.path();
+            let mut text = std::fs::read_to_string(&from)?;
+            if part == "scenarios" {
+                text = text.replacen("[cell]\n", &format!("[cell]\ncapacity_ah = {capacity_ah}\n"), 1);
+                text +=
+                    &format!("\n[harness]\njig_pickup_h = {jig_h:e}\nshunt_pickup_h = {shunt_h:e}\nchannels = [{}]\n", channels.join(", "));
+            }
+            std::fs::write(copy.join(part).join(from.file_name().unwrap_or_default()), text)?;
+        }
+    }
+    Ok(copy)
+}
+
+fn judge(tally: &mut Tally, finished: &Finished, folder: &Path) {
     let measured = &finished.measured;
     let spectra: Vec<&Spectrum> = measured.spectra().chain(measured.multisines.iter().map(|run| &run.spectrum)).collect();
     let Some(simulation) = &finished.simulation else { return tally.fail("no simulated world".to_owned()) };

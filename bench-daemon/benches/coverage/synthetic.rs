@@ -36,7 +36,7 @@ pub(crate) fn play(seeds: &[u64]) -> Tally {
 }
 
 /// A generator of normal numbers: SplitMix64 and Box and Muller's transform.
-struct Normal(u64);
+pub(crate) struct Normal(pub(crate) u64);
 
 impl Normal {
     fn uniform(&mut self) -> f64 {
@@ -47,7 +47,7 @@ impl Normal {
         ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    fn next(&mut self) -> f64 {
+    pub(crate) fn next(&mut self) -> f64 {
         (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (TAU * self.uniform()).cos()
     }
 }

@@ -10,10 +10,10 @@ mod tally;
 use std::path::Path;
 
 #[test]
-fn six_seeds_refute_no_interval_of_the_demo() {
+fn six_seeds_refute_no_interval_of_the_demo_with_a_harness_of_their_own() {
     let seeds: Vec<u64> = (80_001..80_007).collect();
     let configs = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs"));
-    let tally = played::play(configs, "demo", &seeds).unwrap();
+    let tally = played::play(&played::Played { configs, name: "demo", drawn: true }, &seeds).unwrap();
     assert!(tally.rows().any(|(name, deviations)| name == "DC resistance" && deviations.len() == seeds.len()));
     assert_eq!(tally.refuted(), [""; 0], "{}", tally.table("demo"));
 }
