@@ -15,7 +15,7 @@ use analysis::{
 use crate::terminal::say;
 use crate::{
     cli::FitArgs,
-    command::{Failure, fit::read},
+    command::{Failure, fit::read, ocv_slope::Slope},
     present,
 };
 
@@ -60,7 +60,9 @@ struct CircuitReport<'a> {
 pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
     let circuit: Circuit = text.parse().map_err(|error| Failure::Usage(format!("--circuit: {error}")))?;
     let options = options(args, &circuit)?;
-    let (cells, _) = read(args)?;
+    let slope = Slope::for_circuit(&args.slope, options.objective)?;
+    let (mut cells, _) = read(args)?;
+    cells.iter_mut().for_each(|sourced| sourced.spectrum = slope.less(&sourced.spectrum));
     let groups: Vec<(String, Vec<SourcedSpectrum>)> = if args.pool {
         vec![("pooled".to_owned(), cells)]
     } else {
@@ -68,8 +70,16 @@ pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
     };
     let mut fitted = Vec::new();
     for (name, sweeps) in groups {
-        let fit = fit_circuit_cells(&CellSweeps::sort(&sweeps), &circuit, &options)
+        let mut fit = fit_circuit_cells(&CellSweeps::sort(&sweeps), &circuit, &options)
             .map_err(|error| Failure::Usage(format!("{name}: {error}")))?;
+        if let Slope::Known(slope) = &slope {
+            let micro = |v: f64| present::significant(1.0e6 * v, 3);
+            fit.warnings.push(format!(
+                "without charge storage: −j·(dU/dQ)/ω was taken out of the spectra, dU/dQ {} ± {} µV/C",
+                micro(slope.v_per_c),
+                micro(slope.sigma_v_per_c)
+            ));
+        }
         let spectra = sweeps.into_iter().map(|sourced| sourced.spectrum).collect();
         fitted.push(Group { name, spectra, fit });
     }

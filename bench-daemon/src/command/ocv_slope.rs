@@ -67,6 +67,21 @@ impl Slope {
         }
     }
 
+    /// What the arguments ask for where a circuit is fitted: it says by its own elements what stores charge, so that nothing is taken out unasked.
+    ///
+    /// # Errors
+    /// As [`Slope::asked`]; a slope that is to be fitted.
+    pub fn for_circuit(args: &SlopeArgs, objective: Objective) -> Result<Self, Failure> {
+        match args.ocv_slope.as_deref() {
+            None if args.ocv.is_none() => Ok(Self::Left),
+            Some("fit") => Err(Failure::Usage(
+                "--ocv-slope fit: expected a slope in V/C or --ocv with --circuit; a capacitor in series is a slope that is fitted"
+                    .to_owned(),
+            )),
+            _ => Self::asked(args, objective),
+        }
+    }
+
     /// A spectrum as it is to be fitted.
     pub fn less(&self, spectrum: &Spectrum) -> Spectrum {
         match self {

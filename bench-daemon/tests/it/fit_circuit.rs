@@ -62,6 +62,37 @@ fn a_circuit_is_fitted_told_and_drawn() {
     assert!(std::fs::read_to_string(out.join("report.html")).unwrap().contains("CPE1_1"));
 }
 
+/// 10 mΩ + (5 mΩ ∥ 100 F) with −j·(dU/dQ)/ω of 200 µV/C: a circuit without a capacitor in series fits it only without that share.
+#[test]
+fn a_known_slope_of_the_open_circuit_voltage_is_taken_out_before_a_circuit_is_fitted() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("cell.csv");
+    let line = |k: u32| {
+        let freq_hz = 0.01 * 1.0e4_f64.powf(f64::from(k) / 29.0);
+        let omega = std::f64::consts::TAU * freq_hz;
+        let (x, d) = (omega * 0.5, 0.005 / (1.0 + (omega * 0.5).powi(2)));
+        format!("{freq_hz},{},{}\n", 0.010 + d, -d * x - 200.0e-6 / omega)
+    };
+    std::fs::write(&file, (0..30).map(line).collect::<String>()).unwrap();
+    let values = |arguments: &[&str]| {
+        let output = fit(&file, &[&["--circuit", "R0-p(R1,C1)", "--json"], arguments].concat());
+        assert!(output.status.success(), "{output:?}");
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let met = report["fits"][0].clone();
+        let values: Vec<f64> = met["values"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+        (values, met["warnings"].to_string())
+    };
+    let off = |values: &[f64]| values.iter().zip([0.010, 0.005, 100.0]).map(|(v, e)| (v / e - 1.0).abs()).fold(0.0, f64::max);
+    let (taken_out, told) = values(&["--ocv-slope", "2e-4"]);
+    assert!(off(&taken_out) < 1e-6, "{taken_out:?}");
+    assert!(told.contains("dU/dQ 200 ± 6.00 µV/C"), "{told}");
+    let (left, told) = values(&[]);
+    assert!(off(&left) > 0.02 && !told.contains("dU/dQ"), "{left:?} {told}");
+    assert!(
+        refusal(&file, &["--circuit", "R0-p(R1,C1)", "--ocv-slope", "fit"]).contains("a capacitor in series is a slope that is fitted")
+    );
+}
+
 #[test]
 fn what_is_no_circuit_is_refused_with_the_place() {
     let folder = tempfile::tempdir().unwrap();

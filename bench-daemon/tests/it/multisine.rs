@@ -56,6 +56,12 @@ fn it_is_the_spectrum_of_the_single_sines_in_less_than_half_of_their_time() {
     let (single, many) = (&finished.measured.spectrum, &finished.measured.multisines[0]);
     assert_eq!(single.points.len(), 20);
     assert_eq!(many.spectrum.points.len(), 20);
+    // What the correction leaves is one error in both.
+    let names = |spectrum: &Spectrum| spectrum.shared.iter().map(|error| error.name.clone()).collect::<Vec<_>>();
+    assert!(!names(single).is_empty());
+    assert_eq!(names(single), names(&many.spectrum));
+    let stored = analysis::formats::read_spectra(&files.path("run/shared/multisine.csv")).unwrap().remove(0);
+    assert_eq!(names(&stored), names(single));
     let mut squares = 0.0;
     for (a, b) in single.points.iter().zip(&many.spectrum.points) {
         assert!((a.freq_hz / b.freq_hz - 1.0).abs() < 1.0e-9);

@@ -2,8 +2,9 @@
 
 use super::options::{CircuitFitError, CircuitOptions, Weight};
 use crate::fit::clusters::Clusters;
+use crate::fit::common::{self, Common, Seen};
 use crate::fit::options::{Objective, check_spectra};
-use crate::spectrum::{ImpedancePoint, Spectrum};
+use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
 use num_complex::Complex64;
 
 /// A symmetric 2×2 matrix over (Re, Im): xx, xy, yy.
@@ -46,6 +47,8 @@ pub(super) struct Data {
     pub(super) clusters: Clusters,
     /// Median of the weighted |Z|: the natural size of the objective's residuals.
     pub(super) scale: f64,
+    /// Errors that points share; for complex least squares over measured covariances only.
+    pub(super) common: Option<Common>,
 }
 
 /// Value, gradient and Hessian of an objective's share over (Re, Im) of the model's impedance.
@@ -59,7 +62,7 @@ impl Data {
     pub(super) fn new(spectra: &[Spectrum], clusters: Clusters, options: &CircuitOptions) -> Result<Self, CircuitFitError> {
         check_spectra(spectra)?;
         let all = || spectra.iter().enumerate().flat_map(|(i, s)| s.points.iter().map(move |p| (i, p)));
-        let (points, known) = (all().count(), all().filter(|(_, p)| inverse_covariance(p).is_some()).count());
+        let (points, known) = (all().count(), all().filter(|(_, p)| inverse_covariance(&p.covariance).is_some()).count());
         let default = match options.objective {
             Objective::Complex if known == points => Weight::Covariance,
             Objective::Complex => Weight::Modulus,
@@ -69,21 +72,42 @@ impl Data {
         if weight == Weight::Covariance && known < points {
             return Err(CircuitFitError::UnknownCovariance { known, points });
         }
-        let mut tagged: Vec<(f64, DataPoint)> = all().map(|(i, p)| (p.freq_hz, DataPoint::new(p, weight, i))).collect();
+        let carried = weight == Weight::Covariance && options.objective == Objective::Complex;
+        let names = if carried { common::names(spectra) } else { Vec::new() };
+        let one = |(i, s): (usize, &Spectrum), (k, p): (usize, &ImpedancePoint)| {
+            let covariance = if names.is_empty() { p.covariance } else { s.own_covariance(k) };
+            let point = DataPoint::new(&ImpedancePoint { covariance, ..*p }, weight, i);
+            let seen = Seen { z: p.z_ohm, weight: point.weight, directions: common::directions(s, k, &names) };
+            (p.freq_hz, point, seen)
+        };
+        let mut tagged: Vec<(f64, DataPoint, Seen)> = spectra
+            .iter()
+            .enumerate()
+            .flat_map(|(i, s)| s.points.iter().enumerate().map(move |point| ((i, s), point)))
+            .map(|(spectrum, point)| one(spectrum, point))
+            .collect();
         tagged.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut norms: Vec<f64> = tagged.iter().map(|(_, p)| quadratic(&p.weight, p.z).sqrt()).collect();
+        let mut norms: Vec<f64> = tagged.iter().map(|(_, p, _)| quadratic(&p.weight, p.z).sqrt()).collect();
         norms.sort_by(f64::total_cmp);
         let scale = norms.get(norms.len() / 2).copied().unwrap_or(1.0);
         let mut groups: Vec<Group> = Vec::new();
-        for (freq_hz, point) in tagged {
-            match groups.last_mut() {
+        let mut seen: Vec<Vec<Seen>> = Vec::new();
+        for (freq_hz, point, as_seen) in tagged {
+            match (groups.last_mut(), seen.last_mut()) {
                 // Files print frequencies with few digits: what differs in the tenth is the same frequency.
-                Some(group) if (freq_hz - group.freq_hz).abs() <= 1e-10 * group.freq_hz => group.points.push(point),
-                _ => groups.push(Group::open(freq_hz, point)),
+                (Some(group), Some(all)) if (freq_hz - group.freq_hz).abs() <= 1e-10 * group.freq_hz => {
+                    group.points.push(point);
+                    all.push(as_seen);
+                }
+                _ => {
+                    groups.push(Group::open(freq_hz, point));
+                    seen.push(vec![as_seen]);
+                }
             }
         }
         groups.iter_mut().for_each(Group::close);
-        Ok(Self { groups, objective: options.objective, weight, points, known, clusters, scale })
+        let common = Common::new(&names, seen, true);
+        Ok(Self { groups, objective: options.objective, weight, points, known, clusters, scale, common })
     }
 
     /// All points of a frequency are the same.
@@ -159,7 +183,9 @@ impl DataPoint {
             Weight::Unit => ([1.0, 0.0, 1.0], 1.0),
             Weight::Modulus => ([relative, 0.0, relative], relative),
             // Checked before: there is a covariance.
-            Weight::Covariance => (inverse_covariance(p).unwrap_or([relative, 0.0, relative]), p.magnitude_sigma_ohm().powi(-2)),
+            Weight::Covariance => {
+                (inverse_covariance(&p.covariance).unwrap_or([relative, 0.0, relative]), p.magnitude_sigma_ohm().powi(-2))
+            }
         };
         Self { z: p.z_ohm, weight, weight_abs, spectrum }
     }
@@ -217,9 +243,8 @@ pub(super) fn apply(w: &Sym2, r: Complex64) -> [f64; 2] {
     [w[0] * r.re + w[1] * r.im, w[1] * r.re + w[2] * r.im]
 }
 
-/// Inverse of a point's covariance, 1/Ω²; none where it is unknown or not positive definite.
-fn inverse_covariance(p: &ImpedancePoint) -> Option<Sym2> {
-    let c = &p.covariance;
+/// Inverse of a covariance, 1/Ω²; none where it is unknown or not positive definite.
+fn inverse_covariance(c: &Covariance2) -> Option<Sym2> {
     let det = c.re_re * c.im_im - c.re_im * c.re_im;
     let good = c.re_re > 0.0 && c.im_im > 0.0 && det > 0.0 && det.is_finite();
     good.then(|| [c.im_im / det, -c.re_im / det, c.re_re / det])

@@ -22,6 +22,7 @@ use super::options::Objective;
 use crate::model::Circuit;
 use crate::spectrum::Spectrum;
 use data::Data;
+use num_complex::Complex64;
 use problem::{Problem, is_log};
 use serde::{Deserialize, Serialize};
 use starts::{Ranges, Starter};
@@ -75,7 +76,7 @@ pub struct CircuitFit {
     pub reduced_chi2: Option<f64>,
     /// Corrected Akaike criterion, to compare circuits on the same data, objective and weight: less is better. None for too few numbers.
     pub aicc: Option<f64>,
-    /// Root mean square of |Z_model − Z_data|, Ω.
+    /// Root mean square of |Z_model − Z_data|, Ω. Errors that the points have in common count as part of the model.
     pub rms_ohm: f64,
     /// Condition number of the parameters' information, scaled to a unit diagonal; none where the data fix only combinations.
     pub condition: Option<f64>,
@@ -217,11 +218,8 @@ fn band_hz(data: &Data) -> Option<(f64, f64)> {
 }
 
 fn rms_ohm(problem: &Problem, values: &[f64]) -> f64 {
-    let square = |g: &data::Group| {
-        let z = problem.circuit.impedance(values, g.freq_hz);
-        g.points.iter().map(|p| (z - p.z).norm_sqr()).sum::<f64>()
-    };
-    (problem.data.groups.iter().map(square).sum::<f64>() / problem.data.points as f64).sqrt()
+    let square = |(g, seen): (&data::Group, &Vec<Complex64>)| g.points.iter().zip(seen).map(|(p, z)| (z - p.z).norm_sqr()).sum::<f64>();
+    (problem.data.groups.iter().zip(&problem.seen(values)).map(square).sum::<f64>() / problem.data.points as f64).sqrt()
 }
 
 fn state(problem: &Problem, i: usize, value: f64, (lower, upper): (f64, f64)) -> State {

@@ -1,6 +1,7 @@
 //! The objective of a circuit's fit as a function of its free variables: logarithms of the parameters, but exponents as they are.
 
 use super::data::{Data, Share};
+use crate::fit::common::Common;
 use crate::fit::local::Smooth;
 use crate::model::{Circuit, Role};
 use num_complex::Complex64;
@@ -45,6 +46,28 @@ impl Problem<'_> {
     /// ∂parameter/∂variable of the free parameters.
     pub(super) fn stretch(&self, p: &[f64]) -> Vec<f64> {
         self.free.iter().map(|i| if self.is_log(*i) { p[*i] } else { 1.0 }).collect()
+    }
+
+    /// Impedances of the circuit at all frequencies, Ω.
+    fn model(&self, p: &[f64]) -> Vec<Complex64> {
+        self.data.groups.iter().map(|g| self.circuit.impedance(p, g.freq_hz)).collect()
+    }
+
+    /// Impedances of the circuit as each point of each frequency sees them, with the common errors at their best, Ω. `p` are all parameters.
+    pub(super) fn seen(&self, p: &[f64]) -> Vec<Vec<Complex64>> {
+        let model = self.model(p);
+        let best = self.data.common.as_ref().map(|common| (common, common.best(&model).0));
+        let off = |group: usize, point: usize| best.as_ref().map_or(Complex64::ZERO, |(common, best)| common.deviation(group, point, best));
+        let of = |(group, z): (usize, &Complex64)| (0..self.data.groups[group].points.len()).map(|point| z + off(group, point)).collect();
+        model.iter().enumerate().map(of).collect()
+    }
+
+    /// What common errors take from the Hessian over the free variables, row by row; none without them.
+    pub(super) fn taken(&self, x: &[f64]) -> Option<Vec<f64>> {
+        let common = self.data.common.as_ref()?;
+        let mut mixed = vec![0.0; common.count() * x.len()];
+        self.sweep(x, |k, _, slopes| common.add_mixed(k, slopes, &mut mixed));
+        Some(common.taken_from_hessian(&mixed, x.len()))
     }
 
     /// Calls `f` with the number of each frequency, the model's impedance there and its derivatives with respect to the free variables.
@@ -97,7 +120,9 @@ pub(super) fn is_log(circuit: &Circuit, index: usize) -> bool {
 impl Smooth for Problem<'_> {
     fn value(&self, x: &[f64]) -> f64 {
         let p = self.parameters(x);
-        self.data.groups.iter().map(|g| self.data.value(g, self.circuit.impedance(&p, g.freq_hz), self.corner)).sum()
+        let model = self.model(&p);
+        let apart: f64 = self.data.groups.iter().zip(&model).map(|(g, z)| self.data.value(g, *z, self.corner)).sum();
+        apart - self.data.common.as_ref().map_or(0.0, |common| common.best(&model).1)
     }
 
     fn expand(&self, x: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {
@@ -106,10 +131,17 @@ impl Smooth for Problem<'_> {
         hessian.fill(0.0);
         let mut value = 0.0;
         let mut pulls = vec![[0.0; 2]; self.data.groups.len()];
+        let best = self.data.common.as_ref().map(|common| (common, common.best(&self.model(&self.parameters(x)))));
+        let mut mixed = vec![0.0; self.data.common.as_ref().map_or(0, Common::count) * n];
         self.sweep(x, |k, z, slopes| {
             let share = self.data.share(&self.data.groups[k], z, (self.corner, self.exact));
-            let Share { value: v, gradient: [gx, gy], hessian: [xx, xy, yy] } = share;
+            let Share { value: v, gradient: [mut gx, mut gy], hessian: [xx, xy, yy] } = share;
             value += v;
+            if let Some((common, (best, _))) = &best {
+                let [x, y] = common.gradient(k, best);
+                (gx, gy) = (gx + x, gy + y);
+                common.add_mixed(k, slopes, &mut mixed);
+            }
             pulls[k] = [gx, gy];
             for (i, s) in slopes.iter().enumerate() {
                 gradient[i] += gx * s.re + gy * s.im;
@@ -119,6 +151,10 @@ impl Smooth for Problem<'_> {
                 }
             }
         });
+        if let Some((common, (_, taken))) = &best {
+            value -= taken;
+            hessian.iter_mut().zip(common.taken_from_hessian(&mixed, n)).for_each(|(h, taken)| *h -= taken);
+        }
         for i in 0..n {
             for j in 0..i {
                 hessian[j * n + i] = hessian[i * n + j];

@@ -40,7 +40,7 @@ impl Uncertainty {
             freedom: freedom as f64,
             clusters: &problem.data.clusters,
             frequencies: shares(problem, x, &variables),
-            shared: None,
+            shared: taken(problem, x, &variables),
         };
         let Normal { bread, meat, factor } = evidence.normal(|corner| hessian(problem, x, (&variables, corner)));
         let (bread, fixed, condition) = invert(&DMatrix::from_row_slice(m, m, &bread));
@@ -97,18 +97,25 @@ fn hessian(problem: &Problem, x: &[f64], (variables, corner): (&[usize], f64)) -
     variables.iter().flat_map(|i| variables.iter().map(|j| hessian[i * n + j]).collect::<Vec<f64>>()).collect()
 }
 
+/// What common errors take from the information on the variables, row by row; none without them.
+fn taken(problem: &Problem, x: &[f64], variables: &[usize]) -> Option<Vec<f64>> {
+    let (all, n) = (problem.taken(x)?, x.len());
+    Some(variables.iter().flat_map(|i| variables.iter().map(|j| all[i * n + j]).collect::<Vec<f64>>()).collect())
+}
+
 /// Every frequency at the optimum.
 fn shares(problem: &Problem, x: &[f64], variables: &[usize]) -> Vec<FrequencyShare> {
     let data = problem.data;
+    let seen = problem.seen(&problem.parameters(x));
     let mut all = Vec::new();
     problem.sweep(x, |k, z, slopes| {
         let group = &data.groups[k];
         let size = if data.weight == Weight::Unit { z.norm() } else { 1.0 };
-        let points = group.points.iter().map(|p| PointShare {
+        let points = group.points.iter().zip(&seen[k]).map(|(p, z)| PointShare {
             norm: quadratic(&p.weight, z - p.z).sqrt(),
             size,
             weight: p.weight,
-            gradient: data.point_gradient(p, z),
+            gradient: data.point_gradient(p, *z),
             spectrum: p.spectrum,
         });
         let slopes = variables.iter().map(|i| slopes[*i]).collect();

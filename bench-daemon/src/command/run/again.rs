@@ -169,8 +169,9 @@ impl Recorded {
             if let Purpose::Multisine(repeat) = stage.purpose {
                 let (found, kept) = self.multisine(stage, repeat)?;
                 beside.lines += found.len();
-                let known = (&gathered.measured.correction, kept.flagged, kept.took_s);
-                gathered.measured.multisines.push(multisine::write(&recorder, (&self.experiment, stage, repeat), &found, known)?);
+                let known = (&gathered.measured, kept.flagged, kept.took_s);
+                let run = multisine::write(&recorder, (&self.experiment, stage, repeat), &found, known)?;
+                gathered.measured.multisines.push(run);
             }
             for step in &stage.steps {
                 let Step::Trace(trace) = step else { continue };

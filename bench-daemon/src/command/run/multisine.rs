@@ -3,7 +3,6 @@
 use std::{fmt::Write as _, path::Path};
 
 use analysis::{
-    calibration::Correction,
     dataset::{self, FlaggedPoint, Role, SweepEntry},
     multisine::Line,
     spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, raw_impedance},
@@ -42,7 +41,8 @@ pub struct MultisineRun {
 /// A line: its phasors, the scope's V/div, what it says of noise and distortion.
 pub(super) type Found = (ChannelPhasors, [f64; 4], Line);
 
-/// Measures a multisine and writes its files: `multisine.csv`, `raw_multisine.csv`, `multisine_lines.csv`, and all that is told of it in `multisine.json`.
+/// Measures a multisine and writes its files: `multisine.csv`, `raw_multisine.csv`, `multisine_lines.csv`, and all that is told of it in `multisine.json`;
+/// `shared/multisine.csv` has what its points share.
 pub(super) async fn measure(
     executor: &mut Executor<'_>,
     ((number, stage), repeat): ((usize, &Stage), usize),
@@ -62,7 +62,7 @@ pub(super) async fn measure(
     let flagged = sweeping::flags(&points, &mut |freq_hz, text| recorder.point_warning("multisine", freq_hz, text));
     let lines = std::mem::take(&mut executor.lines);
     let found: Vec<Found> = points.iter().zip(lines).map(|(point, line)| (point.phasors, point.volts_per_div, line)).collect();
-    let run = write(executor.recorder, (experiment, stage, repeat), &found, (&measured.correction, flagged, took_s))?;
+    let run = write(executor.recorder, (experiment, stage, repeat), &found, (measured, flagged, took_s))?;
     let corrected = measured.correction.reduced_chi2.is_some();
     let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
     let below = sweeping::below(&phasors, experiment.bench.wiring.shunt.r_ohm);
@@ -78,13 +78,14 @@ pub(super) async fn measure(
     Ok(run)
 }
 
-/// Writes all files of a multisine, from its lines.
+/// Writes all files of a multisine, from its lines and what was measured before it.
 pub(super) fn write(
     recorder: &Recorder,
     (experiment, stage, repeat): (&Experiment, &Stage, usize),
     found: &[Found],
-    (correction, flagged, took_s): (&Correction, Vec<FlaggedPoint>, f64),
+    (measured, flagged, took_s): (&Measured, Vec<FlaggedPoint>, f64),
 ) -> Result<MultisineRun, Failure> {
+    let correction = &measured.correction;
     let corrected: Vec<ImpedancePoint> = found.iter().map(|(phasors, ..)| correction.apply(phasors)).collect();
     let raw: Vec<ImpedancePoint> = found.iter().map(|(phasors, ..)| raw_impedance(phasors, experiment.bench.wiring.shunt.r_ohm)).collect();
     let lines: Vec<Line> = found.iter().map(|(.., line)| *line).collect();
@@ -98,7 +99,10 @@ pub(super) fn write(
     };
     let own_noise =
         Spectrum { name: experiment.name.clone(), points: found.iter().zip(&corrected).map(own).collect(), ..Spectrum::default() };
-    let spectrum = Spectrum { name: experiment.name.clone(), points: corrected, ..Spectrum::default() };
+    let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
+    let spectrum = Spectrum::new(experiment.name.clone(), corrected);
+    let spectrum = sweeping::with_shared(spectrum, &phasors, (correction, &sweeping::jig_phasors(measured)));
+    sweeping::write_shared(recorder, &named("multisine.csv", repeat), &spectrum)?;
     let volts_per_div = found.iter().map(|(_, volts_per_div, _)| *volts_per_div).collect();
     let run = MultisineRun { spectrum, own_noise, noise_dof: noise_dof(stage), flagged, lines, volts_per_div, took_s };
     recorder.json(&named("multisine.json", repeat), &run)?;

@@ -51,7 +51,7 @@ pub(super) struct Settled {
 impl<'a> Sweeping<'a> {
     pub(super) fn new(experiment: &'a Experiment, (fixture, repeat): (Fixture, usize), measured: &Measured) -> Self {
         let correction = measured.correction.clone();
-        let (shunt, jig) = (shunt_phasors(measured), phasors_of(measured, Fixture::FakeCell));
+        let (shunt, jig) = (shunt_phasors(measured), jig_phasors(measured));
         let cell = fixture == Fixture::Cell;
         let run = experiment.campaign.as_ref().filter(|_| cell).and_then(|campaign| campaign.run(repeat));
         let name = sweep_name(fixture, repeat);
@@ -115,9 +115,8 @@ impl<'a> Sweeping<'a> {
         let named = |points| Spectrum::new(self.spectrum_name(), points);
         let phasors: Vec<ChannelPhasors> = points.iter().map(|point| point.phasors).collect();
         let spectrum = self.with_shared(named(corrected), &phasors);
-        if let Some(file) = self.file.as_ref().filter(|_| !spectrum.shared.is_empty()) {
-            let name = file.strip_prefix("spectra/").unwrap_or(file);
-            recorder.whole_spectrum(&format!("shared/{name}"), &spectrum)?;
+        if let Some(file) = &self.file {
+            write_shared(recorder, file, &spectrum)?;
         }
         Ok(Settled { points, spectrum, own_noise: named(own) })
     }
@@ -127,11 +126,7 @@ impl<'a> Sweeping<'a> {
         if self.fixture != Fixture::Cell || self.file.is_none() {
             return spectrum;
         }
-        let text = serde_json::to_string(&self.correction).unwrap_or_default();
-        let run: String = crate::hash::sha256(text).chars().take(12).collect();
-        // Chosen by the control in the jig, so that they are the same for every sweep of the run.
-        let modes = CorrectionModes::new(&self.correction, &self.jig, &run);
-        self.correction.with_shared(spectrum, phasors, &modes)
+        with_shared(spectrum, phasors, (&self.correction, &self.jig))
     }
 
     /// Makes the tables what the finished points say.
@@ -203,6 +198,28 @@ pub(super) fn shunt_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
 /// What the channels showed of a control.
 fn phasors_of(measured: &Measured, fixture: Fixture) -> Vec<ChannelPhasors> {
     measured.sweeps.get(fixture_name(fixture)).into_iter().flatten().map(|point| point.phasors).collect()
+}
+
+/// What they showed of the fake cell before the first cell; empty without one.
+pub(super) fn jig_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
+    phasors_of(measured, Fixture::FakeCell)
+}
+
+/// A spectrum of a cell with what the correction leaves wrong in all its points; `jig` is what the channels showed of the fake cell.
+pub(super) fn with_shared(spectrum: Spectrum, phasors: &[ChannelPhasors], (correction, jig): (&Correction, &[ChannelPhasors])) -> Spectrum {
+    let text = serde_json::to_string(correction).unwrap_or_default();
+    let run: String = crate::hash::sha256(text).chars().take(12).collect();
+    // Chosen by the control in the jig, so that they are the same for every sweep of the run.
+    correction.with_shared(spectrum, phasors, &CorrectionModes::new(correction, jig, &run))
+}
+
+/// Writes a spectrum with its shared errors beside its own file; nothing where it has none.
+pub(super) fn write_shared(recorder: &Recorder, file: &str, spectrum: &Spectrum) -> Result<(), RecordError> {
+    if spectrum.shared.is_empty() {
+        return Ok(());
+    }
+    let name = file.strip_prefix("spectra/").unwrap_or(file);
+    recorder.whole_spectrum(&format!("shared/{name}"), spectrum)
 }
 
 /// What lies between the lower tap and the ground of the channels: the median of the resistance over the points, and of the inductance over the upper half of

@@ -3,6 +3,7 @@
 mod known;
 mod real;
 mod refusal;
+mod shared;
 mod sums;
 
 use crate::fit::Rng;
