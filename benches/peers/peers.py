@@ -140,12 +140,17 @@ def sine():
 
     part = 1_000_000
 
-    def lstsq():
-        columns = np.column_stack([np.cos(omega * t[:part]), np.sin(omega * t[:part]), np.ones(part)])
-        return np.linalg.lstsq(columns, np.column_stack([c[:part] for c in codes]).astype(float), rcond=None)[0]
+    wave_and_line = [lambda n: np.cos(omega * n), lambda n: np.sin(omega * n), np.ones_like, lambda n: n / part]
+    decays = [lambda n, share=share: np.exp(-n / (share * part)) for share in (0.03, 0.12, 0.4)]
+    for work, columns in (("sine-known", wave_and_line), ("sine-settling", wave_and_line + decays)):
 
-    seconds, _ = best(lstsq, 3)
-    report("sine-known", "numpy lstsq", samples_per_cpu_s=4 * part / seconds)
+        def lstsq(columns=columns):
+            n = t[:part].astype(float)
+            design = np.column_stack([column(n) for column in columns])
+            return np.linalg.lstsq(design, np.column_stack([c[:part] for c in codes]).astype(float), rcond=None)[0]
+
+        seconds, _ = best(lstsq, 3)
+        report(work, "numpy lstsq, the same columns", samples_per_cpu_s=4 * part / seconds)
 
 
 def fits():

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use analysis::sine::{Channel, CodeScale, FitOptions, Record, fit_free_frequency, fit_known_frequency};
+use analysis::sine::{Channel, CodeScale, FitOptions, Record, fit_free_frequency, fit_known_frequency, relaxations};
 use rayon::prelude::*;
 
 use crate::{Row, Unit, best_s};
@@ -62,6 +62,7 @@ pub(crate) fn rows() -> Vec<Row> {
     let samples = 4 * codes[0].len();
     let (cores, plain) = (std::thread::available_parallelism().map_or(1, usize::from), FitOptions::default());
     let rich = FitOptions { harmonics: vec![2, 3], ..FitOptions::default() }.with_mains(50.0, 2);
+    let settling = FitOptions { decays_s: relaxations(INTERVAL_S * codes[0].len() as f64), ..FitOptions::default() };
     let known = |options: &FitOptions| {
         std::hint::black_box(fit_known_frequency(&record, freq_hz, options).unwrap());
     };
@@ -78,6 +79,8 @@ pub(crate) fn rows() -> Vec<Row> {
         Row::new("", &format!("  the same on {cores} cores, per second"), all, unit)
             .noted(format!("{:.0} % of the read rate", 100.0 * all / reading)),
         Row::new("", &format!("  reading the same samples on {cores} cores, per second"), reading, unit),
+        Row::new("sine-settling", "  with relaxations, per second of one core", cpu(samples, || known(&settling)), unit)
+            .noted(format!("{} time constants", settling.decays_s.len())),
         Row::new("", "  with 2 harmonics and mains, per second of one core", cpu(samples, || known(&rich)), unit),
         Row::new("", "  free frequency, per second of one core", cpu(samples, free), unit),
     ]

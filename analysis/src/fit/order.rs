@@ -8,7 +8,7 @@
 use super::cells::{CellSweeps, cell_means};
 use super::erm::{ErmFit, fit_erm};
 use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
-use super::outliers::one_stands_out;
+use super::outliers::standing_out;
 use super::problem::Problem;
 use super::stats::{f_tail, normal_tail};
 use super::verdict::{for_other_cells, judge};
@@ -154,7 +154,7 @@ fn row(means: &[Spectrum], options: &OrderOptions, rc: usize, freedom_within: Op
         left_out_change: None,
         held_by_bounds: held_by_bounds(&fits),
         reduced_chi2: (absolute && freedom > 0.0).then_some(chi2 / freedom),
-        stands_out: problems.iter().zip(&fits).any(|(p, f)| one_stands_out(p, &f.erm)),
+        stands_out: problems.iter().zip(&fits).any(|(p, f)| !standing_out(p, &f.erm).is_empty()),
         unidentified: unidentified(&fits),
     })
 }

@@ -1,6 +1,9 @@
 //! Single points that belong to no impedance of a linear system: a wrong sign, a slipped digit, a record of something else. Least squares gives way to
 //! them, so that all residuals become large together and none of them tells; the Kramers–Kronig test, which knows no order, finds them.
 
+use std::collections::BTreeSet;
+use std::iter;
+
 use num_complex::Complex64;
 
 use super::options::Objective;
@@ -17,25 +20,28 @@ const MOST_NAMED: usize = 4;
 
 /// A point lies further from the model than the scatter of all residuals explains: their size by its median, of normal noise in two parts √(2 ln 2) of its
 /// standard deviation, so that the point itself counts little. What points have in common is at its best, as in the fit.
-pub(super) fn one_stands_out(problem: &Problem, erm: &Erm) -> bool {
+///
+/// Gives the spectra, by number, that hold such a point: the one that holds the furthest first.
+pub(super) fn standing_out(problem: &Problem, erm: &Erm) -> Vec<usize> {
     let seen = problem.seen(&erm.log_parameters());
-    let off =
-        |(g, seen): (&Group, &Vec<Complex64>)| g.points.iter().zip(seen).map(|(p, z)| quadratic(&p.weight, z - p.z)).collect::<Vec<f64>>();
-    let mut squares: Vec<f64> = problem.groups.iter().zip(&seen).flat_map(off).collect();
-    squares.sort_by(f64::total_cmp);
-    let (Some(median), Some(largest)) = (squares.get(squares.len() / 2), squares.last()) else { return false };
+    let off = |(g, seen): (&Group, &Vec<Complex64>)| {
+        g.points.iter().zip(seen).map(|(p, z)| (quadratic(&p.weight, z - p.z), p.spectrum)).collect::<Vec<(f64, usize)>>()
+    };
+    let mut squares: Vec<(f64, usize)> = problem.groups.iter().zip(&seen).flat_map(off).collect();
+    squares.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((median, _)) = squares.get(squares.len() / 2) else { return Vec::new() };
     let scale = median / (2.0 * std::f64::consts::LN_2);
     let scale = if problem.absolute_weights { scale.max(1.0) } else { scale };
     // The chance that one of so many squares exceeds x is about n·exp(−x/2).
-    *largest > 2.0 * (squares.len() as f64 / FALSE_ALARM_RATE).ln() * scale
+    let limit = 2.0 * (squares.len() as f64 / FALSE_ALARM_RATE).ln() * scale;
+    let mut met = BTreeSet::new();
+    squares.iter().rev().take_while(|(square, _)| *square > limit).map(|(_, spectrum)| *spectrum).filter(|s| met.insert(*s)).collect()
 }
 
-/// Names the points that stand out of a fit of these spectra; nothing where none does.
+/// Names the points that stand out of a fit of these spectra; nothing where none does. Of many spectra those are looked at that hold the furthest.
 pub(super) fn remarks(spectra: &[Spectrum], erm: &Erm) -> Vec<String> {
-    if !one_stands_out(&Problem::new(spectra, Objective::Complex), erm) {
-        return Vec::new();
-    }
-    let found: Vec<String> = spectra.iter().flat_map(|spectrum| of_spectrum(spectrum, spectra.len() > 1)).collect();
+    let suspects = standing_out(&Problem::new(spectra, Objective::Complex), erm);
+    let found: Vec<String> = suspects.iter().take(MOST_NAMED).flat_map(|number| of_spectrum(&spectra[*number], spectra.len() > 1)).collect();
     let more = found.len().saturating_sub(MOST_NAMED);
     let mut named: Vec<String> = found.into_iter().take(MOST_NAMED).collect();
     if more > 0 {
@@ -67,5 +73,6 @@ fn tested(spectrum: &Spectrum) -> Option<KramersKronig> {
     let mut bare = stated.clone();
     bare.points.iter_mut().for_each(|p| p.covariance = Covariance2::UNKNOWN);
     let by = |noise_of: &Spectrum| kramers_kronig(stated, &Noise::of(noise_of, &[]).ok()?).ok();
-    [stated, &bare].into_iter().filter_map(by).find(|kk| kk.outcome == KkOutcome::SinglePoints)
+    let own = stated.points.iter().any(|p| p.covariance.re_re.is_finite()).then_some(&bare);
+    iter::once(stated).chain(own).filter_map(by).find(|kk| kk.outcome == KkOutcome::SinglePoints)
 }
