@@ -32,6 +32,16 @@ pub(super) fn directions(spectrum: &Spectrum, index: usize, names: &[&str]) -> V
     names.iter().map(|name| of(name).unwrap_or(Complex64::ZERO)).collect()
 }
 
+/// Gives all points of one frequency the mean direction of each error that they have. A direction that follows each point's own noise, or its own cell, would
+/// let the error shrink the data until they agree (Peelle's puzzle; D'Agostini, Nucl. Instrum. Meth. A 346, 1994).
+fn level(group: &mut [Seen], count: usize) {
+    for error in 0..count {
+        let has = |seen: &&mut Seen| seen.directions[error] != Complex64::ZERO;
+        let (sum, number) = group.iter_mut().filter(has).fold((Complex64::ZERO, 0.0), |(sum, n), seen| (sum + seen.directions[error], n + 1.0));
+        group.iter_mut().filter(has).for_each(|seen| seen.directions[error] = sum / number);
+    }
+}
+
 /// The common errors of a problem.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Common {
@@ -68,7 +78,8 @@ impl Common {
             information: vec![0.0; count * count],
             ..Self::default()
         };
-        for group in groups {
+        for mut group in groups {
+            level(&mut group, count);
             let mut pull = vec![[0.0; 2]; count];
             for seen in &group {
                 for (i, d) in seen.directions.iter().enumerate() {

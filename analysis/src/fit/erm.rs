@@ -1,5 +1,6 @@
 //! The fit of an extended Randles model: global search, polish, uncertainty.
 
+use super::between::between_cells;
 use super::cells::CellSweeps;
 use super::clusters::Clusters;
 use super::minima::{LocalMinimum, other_minima};
@@ -7,6 +8,7 @@ use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
 use super::outliers;
 use super::problem::Problem;
 use super::search::search;
+use super::stats::t_factor;
 use super::storage::{ChargeStorage, Fitted, carry, charge_storage, settle_noise};
 use super::uncertainty::{ErmSigma, Uncertainty};
 use super::warnings::warnings;
@@ -41,7 +43,7 @@ pub struct ErmFit {
     pub charge_storage: Option<ChargeStorage>,
     /// Root mean square of |Z_model − Z_data|, Ω. Errors that the points have in common count as part of the model.
     pub rms_ohm: f64,
-    /// χ² per degree of freedom; only for complex least squares with a covariance at every point.
+    /// χ² per degree of freedom; only for complex least squares with a covariance at every point. Where the sigmas rest on cells, of the fits to each cell.
     pub reduced_chi2: Option<f64>,
     /// What a user of the model must know, in sentences; empty when there is nothing.
     pub warnings: Vec<String>,
@@ -90,14 +92,17 @@ fn fit(spectra: &[Spectrum], options: &FitOptions, (clusters, starts): (&Cluster
     let noise = if problem.absolute_weights { 1.0 } else { minimum.value / uncertainty.freedom.max(1.0) };
     let fitted = Fitted { x: &x, log_covariance: uncertainty.log_covariance.as_deref(), noise };
     let charge_storage = charge_storage(&problem, spectra, options, &fitted);
+    let pooled_chi2 = problem.absolute_weights.then_some(minimum.value / uncertainty.freedom).filter(|c| c.is_finite());
+    let cells = clusters.cells();
+    let within_chi2 = cells.filter(|_| problem.absolute_weights).and_then(|_| between_cells(spectra, options, (clusters, &erm), &mut uncertainty));
     let mut fit = ErmFit {
         objective: minimum.value,
         objective_kind: options.objective,
         points: problem.points,
         spectra: spectra.len(),
-        cells: clusters.cells().filter(|_| !problem.absolute_weights),
+        cells: cells.filter(|_| !problem.absolute_weights || within_chi2.is_some()),
         rms_ohm: rms_ohm(&problem, &minimum.x),
-        reduced_chi2: problem.absolute_weights.then_some(minimum.value / uncertainty.freedom).filter(|c| c.is_finite()),
+        reduced_chi2: within_chi2.or(pooled_chi2),
         sigma: uncertainty.sigma,
         charge_storage,
         log_covariance: uncertainty.log_covariance,
@@ -108,12 +113,20 @@ fn fit(spectra: &[Spectrum], options: &FitOptions, (clusters, starts): (&Cluster
         seed: options.seed,
     };
     fit.warnings = warnings(&fit, &problem, spectra, minimum.converged);
-    fit.warnings.extend(clusters.remark(problem.absolute_weights));
+    fit.warnings.extend(clusters.remark(fit.cells.is_none() && problem.absolute_weights));
     fit.warnings.extend(sign_remarks(spectra).into_iter().chain(outliers::remarks(spectra, &fit.erm)));
     Ok(fit)
 }
 
+/// Degrees of freedom of noise that is known.
+const MANY: f64 = 1e8;
+
 impl ErmFit {
+    /// Half width of a 95 % interval in sigmas: 1.96, more where the sigmas rest on few cells (Student's t).
+    pub fn sigmas_of_95(&self) -> f64 {
+        t_factor(0.95, self.cells.map_or(MANY, |cells| cells.saturating_sub(1) as f64))
+    }
+
     /// Impedance that the fit expects to be measured: the model and, where it was taken out, the share of the open-circuit voltage, Ω.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
         let storage = |s: ChargeStorage| OcvSlope { v_per_c: s.v_per_c, sigma_v_per_c: 0.0 }.impedance(freq_hz);

@@ -7,6 +7,7 @@
 
 mod addition;
 mod batch;
+mod between;
 mod cells;
 mod circuit;
 mod clusters;

@@ -120,7 +120,7 @@ impl<'a> Walk<'a> {
         rounded(problem, &best.x, fit.cells.is_some()).expand(&best.x, &mut gradient, &mut hessian);
         let noise = best.value / freedom;
         let noise = if problem.absolute_weights { noise.max(1.0) } else { noise };
-        let clustered = !problem.absolute_weights && (fit.cells.is_some() || fit.spectra > n);
+        let clustered = fit.cells.is_some() || (!problem.absolute_weights && fit.spectra > n);
         let by_covariance = problem.kind == Objective::SumAbs || clustered;
         // Sigmas from the scatter of few cells are known no better than by so many.
         let freedom = fit.cells.map_or(freedom, |cells| (cells as f64 - 1.0).max(1.0));
@@ -131,7 +131,7 @@ impl<'a> Walk<'a> {
         let (start, relative_sigma) = self.start(held, fit);
         let noise = self.noise_of(held, fit);
         // Stated noise is known; noise read off the residuals is known only so well.
-        let freedom = if self.problem.absolute_weights { 1e8 } else { self.freedom };
+        let freedom = if self.problem.absolute_weights && fit.cells.is_none() { 1e8 } else { self.freedom };
         let limits = [0.682_7, 0.95].map(|level| t_factor(level, freedom).powi(2));
         let step = FIRST_STEP * relative_sigma.filter(|s| *s > 0.0).unwrap_or(0.2).min(1.0);
         let mut points = vec![(start, 0.0)];

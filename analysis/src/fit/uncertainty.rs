@@ -49,7 +49,7 @@ impl Uncertainty {
         let freedom = (per_point * problem.points).saturating_sub(n) as f64;
         let bounds = log_bounds(options);
         let free: Vec<usize> = (0..n).filter(|i| x[*i] > bounds[*i].0 + 1e-9 && x[*i] < bounds[*i].1 - 1e-9).collect();
-        let covariance = covariance(problem, &x, &free, (freedom, clusters));
+        let covariance = covariance(problem, &x, &free, (freedom, clusters), taken(problem, &x, &free));
         let entry = |i: usize, j: usize| -> Option<f64> {
             let (row, column) = (free.iter().position(|f| *f == i)?, free.iter().position(|f| *f == j)?);
             covariance.as_ref().map(|c| c[row * free.len() + column])
@@ -85,7 +85,15 @@ pub(crate) fn sigma_of(erm: &Erm, entry: &impl Fn(usize, usize) -> Option<f64>) 
 }
 
 /// Covariance of the free logarithmic parameters, row-major; none when the data do not fix them or leave no freedom to tell.
-fn covariance(problem: &Problem, x: &[f64], free: &[usize], (freedom, clusters): (f64, &Clusters)) -> Option<Vec<f64>> {
+///
+/// `shared` is what common errors take from the information.
+fn covariance(
+    problem: &Problem,
+    x: &[f64],
+    free: &[usize],
+    (freedom, clusters): (f64, &Clusters),
+    shared: Option<Vec<f64>>,
+) -> Option<Vec<f64>> {
     let (n, m) = (x.len(), free.len());
     let evidence = Evidence {
         kind: problem.kind,
@@ -95,7 +103,7 @@ fn covariance(problem: &Problem, x: &[f64], free: &[usize], (freedom, clusters):
         freedom,
         clusters,
         frequencies: shares(problem, x, free)?,
-        shared: taken(problem, x, free),
+        shared,
     };
     let hessian = |corner: f64| {
         let (mut gradient, mut hessian) = (vec![0.0; n], vec![0.0; n * n]);
@@ -109,6 +117,11 @@ fn covariance(problem: &Problem, x: &[f64], free: &[usize], (freedom, clusters):
         None => inverse,
     };
     Some(covariance.iter().map(|v| v * factor).collect())
+}
+
+/// Covariance of all logarithmic parameters as if common errors were known, row by row.
+pub(super) fn own_noise(problem: &Problem, x: &[f64], of: (f64, &Clusters)) -> Option<Vec<f64>> {
+    covariance(problem, x, &(0..x.len()).collect::<Vec<usize>>(), of, None)
 }
 
 /// What common errors take from the information on the free parameters, row by row; none without them.

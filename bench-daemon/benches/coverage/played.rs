@@ -149,7 +149,8 @@ const PARAMETERS: usize = 10_000;
 pub(crate) fn add_fit(tally: &mut Tally, fit: &ErmFit, truth: &Erm) {
     let mut order = PARAMETERS;
     let mut add = |name: &str, error: f64, sigma: Option<f64>| {
-        tally.add(order, name, error, sigma);
+        // A tally counts 1.96 sigmas: of few cells an interval takes more of them.
+        tally.add(order, name, error, sigma.map(|sigma| sigma * fit.sigmas_of_95() / 1.96));
         order += 1;
     };
     add("R", fit.erm.r_ohm - truth.r_ohm, fit.sigma.r_ohm);
@@ -164,7 +165,7 @@ pub(crate) fn add_fit(tally: &mut Tally, fit: &ErmFit, truth: &Erm) {
 /// Adds the distance of a reduced χ² from one in units of √(2/ν): no deviation from a truth, but as rarely beyond two.
 fn add_chi2(tally: &mut Tally, fit: &ErmFit) {
     if let Some(chi2) = fit.reduced_chi2 {
-        let freedom = (2 * fit.points - fit.erm.parameter_count()) as f64;
+        let freedom = (2 * fit.points - fit.cells.unwrap_or(1) * fit.erm.parameter_count()) as f64;
         tally.add(2 * PARAMETERS, "reduced χ² less 1, over √(2/ν)", chi2 - 1.0, Some((2.0 / freedom).sqrt()));
     }
 }

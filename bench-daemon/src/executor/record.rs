@@ -115,12 +115,14 @@ fn unsteady(fit: &SineFit, beside: &Beside) -> Option<String> {
     let [_, _, low, high] = fit.channels.as_slice() else { return None };
     let bend = beside.bend.filter(|bend| bend.is_certain())?;
     let microvolts = 1.0e6 * if fit.relaxed { high.relaxation_v - low.relaxation_v } else { bend.volts };
+    // The size by its decade, so that what many records show is said once.
+    let least = 10.0_f64.powf(microvolts.abs().log10().floor());
     let fitted = if fit.relaxed {
         "fitted beside the sinusoid"
     } else {
         "not fitted, for the record is too short: see the drift in its uncertainty"
     };
-    Some(format!("the record is not stationary: the cell's voltage bends by {microvolts:.0} µV, {fitted}"))
+    Some(format!("the record is not stationary: the cell's voltage bends by {least} µV to {} µV, {fitted}", 10.0 * least))
 }
 
 /// What is odd about a fit, in words. Harmonics and mains beyond half the sampling rate are no news, nor is a mains of less than a period in the

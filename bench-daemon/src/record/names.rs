@@ -8,7 +8,10 @@ use instruments::{mock::plant::Fixture, scope::Waveform};
 
 use crate::plan::fixture_name;
 
-/// Points of sweeps in words: each sweep once, its points counted where there are several.
+/// Sweeps named one by one at most.
+const MOST_SWEEPS: usize = 3;
+
+/// Points of sweeps in words: each sweep once, its points counted where there are several; many sweeps are counted too.
 pub(super) fn places(points: &[(String, f64)]) -> String {
     let mut sweeps: Vec<(&str, Vec<f64>)> = Vec::new();
     for (sweep, freq_hz) in points {
@@ -17,15 +20,22 @@ pub(super) fn places(points: &[(String, f64)]) -> String {
             None => sweeps.push((sweep, vec![*freq_hz])),
         }
     }
-    let words = sweeps.iter().map(|(sweep, freqs_hz)| match freqs_hz.as_slice() {
+    if let ([(first, _), .., (last, _)], true) = (sweeps.as_slice(), sweeps.len() > MOST_SWEEPS) {
+        let all: Vec<f64> = points.iter().map(|(_, freq_hz)| *freq_hz).collect();
+        return frequencies(&format!("{} sweeps, {first} to {last}", sweeps.len()), &all);
+    }
+    sweeps.iter().map(|(sweep, freqs_hz)| frequencies(sweep, freqs_hz)).collect::<Vec<_>>().join("; ")
+}
+
+fn frequencies(sweep: &str, freqs_hz: &[f64]) -> String {
+    match freqs_hz {
         [freq_hz] => format!("{sweep}, {freq_hz:.4} Hz"),
         several => {
             let (least, greatest) =
                 several.iter().fold((f64::INFINITY, 0.0_f64), |(least, greatest), &freq_hz| (least.min(freq_hz), greatest.max(freq_hz)));
             format!("{sweep}, {} points from {least:.4} Hz to {greatest:.4} Hz", several.len())
         }
-    });
-    words.collect::<Vec<_>>().join("; ")
+    }
 }
 
 /// A sweep in names of files: a control is called after its fixture, a sweep of the cell too, and with its number from the second on.

@@ -3,7 +3,7 @@
 use super::{noisy, normal};
 use crate::fit::{CellSweeps, CircuitOptions, FitOptions, Objective, Rng, fit_cells, fit_circuit_cells, fit_erm, profiles};
 use crate::formats::{SourcedSpectrum, read_sourced};
-use crate::spectrum::{Covariance2, Spectrum};
+use crate::spectrum::{Covariance2, SharedError, Spectrum};
 use std::path::Path;
 
 fn thesis_cells() -> Vec<CellSweeps> {
@@ -68,6 +68,44 @@ fn stated_sigmas_are_the_scatter_of_repeated_pools() {
         let stated = (fits.iter().map(|f| f.sigma.r_ohm.unwrap().powi(2)).sum::<f64>() / fits.len() as f64).sqrt();
         assert!((0.8..1.25).contains(&(stated / scatter)), "{objective}: stated {stated}, scatter {scatter}");
     }
+}
+
+/// With stated covariances and a gain that all cells are measured with.
+#[test]
+fn cells_differ_by_more_than_the_stated_noise_of_their_sweeps() {
+    const GAIN: f64 = 0.005;
+    let mut rng = Rng::new(12);
+    let pool = |rng: &mut Rng| {
+        let mut cells = drawn(6, rng);
+        let gain = 1.0 + GAIN * normal(rng);
+        for spectrum in cells.iter_mut().flat_map(|cell| &mut cell.sweeps) {
+            for point in &mut spectrum.points {
+                let sigma = 0.002 * point.z_ohm.norm();
+                point.z_ohm *= gain;
+                point.covariance = Covariance2::circular(sigma * sigma) + Covariance2::along(GAIN * point.z_ohm);
+            }
+            spectrum.shared =
+                vec![SharedError { name: "gain".to_owned(), at_ohm: spectrum.points.iter().map(|point| GAIN * point.z_ohm).collect() }];
+        }
+        fit_cells(&cells, &FitOptions { rc: 1, objective: Objective::Complex, ..FitOptions::default() }, 0).unwrap()
+    };
+    let fits: Vec<_> = (0..80).map(|_| pool(&mut rng)).collect();
+    for (name, value, sigma) in [
+        ("R", fits.iter().map(|f| f.erm.r_ohm).collect::<Vec<f64>>(), fits.iter().map(|f| f.sigma.r_ohm.unwrap()).collect::<Vec<f64>>()),
+        (
+            "DC resistance",
+            fits.iter().map(|f| f.erm.dc_resistance_ohm()).collect(),
+            fits.iter().map(|f| f.sigma.dc_resistance_ohm.unwrap()).collect(),
+        ),
+    ] {
+        let stated = (sigma.iter().map(|s| s * s).sum::<f64>() / sigma.len() as f64).sqrt();
+        assert!((0.8..1.25).contains(&(stated / deviation(&value))), "{name}: stated {stated}, scatter {}", deviation(&value));
+    }
+    // Within the cells the model fits, however much they differ: 80 fits of 1 800 numbers each.
+    let chi2 = fits.iter().map(|f| f.reduced_chi2.unwrap()).sum::<f64>() / 80.0;
+    assert!((0.98..1.02).contains(&chi2), "{chi2}");
+    assert!(fits.iter().all(|f| f.cells == Some(6) && f.warnings.len() == 1), "{:?}", fits[0].warnings);
+    assert!((fits[0].sigmas_of_95() - 2.5706).abs() < 1e-3);
 }
 
 #[test]

@@ -13,7 +13,7 @@ mod validity;
 use analysis::{
     budget::Budget,
     dataset,
-    fit::{Bounds, ErmFit, FitOptions, ModelFile, PackModel, fit_erm},
+    fit::{Bounds, CellSweeps, ErmFit, FitOptions, ModelFile, PackModel, fit_cells},
     pack::Pack,
     spectrum::Spectrum,
     validity::{Noise, linearity},
@@ -75,16 +75,31 @@ fn evaluate(recorder: &mut Recorder, experiment: &Experiment, (measured, shown):
 /// The orders that could be fitted, to all sweeps of the cell together; one that could not is noted and does not cost the others.
 fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Vec<ErmFit> {
     let spectra = storage::less_charge_storage(recorder, experiment, alike(measured));
+    let cells = by_cell(experiment, &spectra);
     let mut fits = Vec::new();
     for &rc in &experiment.fit.rc {
         let bounds = Bounds::for_spectra(&spectra);
-        match fit_erm(&spectra, &FitOptions { rc, objective: experiment.fit.objective, seed: experiment.seed, bounds }) {
+        match fit_cells(&cells, &FitOptions { rc, objective: experiment.fit.objective, seed: experiment.seed, bounds }, 0) {
             Ok(fit) if fit.objective.is_finite() => fits.push(fit),
             Ok(_) => recorder.warning(&format!("no model with {rc} RC: its objective is not finite")),
             Err(error) => recorder.warning(&format!("no model with {rc} RC: {error}")),
         }
     }
     fits
+}
+
+/// The sweeps by the cell of a campaign that each is of; all of one cell elsewhere.
+fn by_cell(experiment: &Experiment, spectra: &[Spectrum]) -> Vec<CellSweeps> {
+    let mut cells: Vec<CellSweeps> = Vec::new();
+    for spectrum in spectra {
+        let run = experiment.campaign.as_ref().and_then(|campaign| campaign.runs().find(|run| run.name() == spectrum.name));
+        let name = run.map_or_else(String::new, |run| run.cell.name.clone());
+        match cells.iter_mut().find(|cell| cell.cell == name) {
+            Some(cell) => cell.sweeps.push(spectrum.clone()),
+            None => cells.push(CellSweeps { cell: name, named: experiment.campaign.is_some(), sweeps: vec![spectrum.clone()] }),
+        }
+    }
+    cells
 }
 
 /// The sweeps of the cell at the amplitude of the first: at another one the cell may be another.

@@ -1,0 +1,76 @@
+//! Sigmas of a model of several cells whose points have stated covariances. These tell the noise of a sweep, while the cells differ by far more than it:
+//! every cell is fitted on its own, and the scatter of the cells' parameters is the uncertainty of their mean as the mean of all such cells. It is
+//! never taken for less than the noise explains. What the points of all cells have in common moves them all alike and is added.
+
+use nalgebra::{DMatrix, SymmetricEigen};
+
+use super::clusters::Clusters;
+use super::erm::to_erm;
+use super::options::FitOptions;
+use super::problem::Problem;
+use super::search::{log_bounds, polish};
+use super::uncertainty::{Uncertainty, own_noise, sigma_of};
+use crate::model::Erm;
+use crate::spectrum::Spectrum;
+
+/// One cell fitted on its own.
+struct Own {
+    x: Vec<f64>,
+    /// Covariance of the logarithmic parameters.
+    full: DMatrix<f64>,
+    /// The same as if common errors were known.
+    noise: DMatrix<f64>,
+    value: f64,
+    freedom: f64,
+}
+
+/// Puts the scatter of the cells in the place of the widened noise of sweeps; gives χ² per degree of freedom within the cells. None, and nothing done,
+/// where a cell does not fix all parameters.
+pub(super) fn between_cells(
+    spectra: &[Spectrum],
+    options: &FitOptions,
+    (clusters, erm): (&Clusters, &Erm),
+    uncertainty: &mut Uncertainty,
+) -> Option<f64> {
+    let x = erm.log_parameters();
+    let of_cell = |cell: usize| -> Vec<Spectrum> {
+        spectra.iter().enumerate().filter(|(sweep, _)| clusters.of(*sweep) == cell).map(|(_, spectrum)| spectrum.clone()).collect()
+    };
+    let cells: Vec<Own> = (0..clusters.count).map(|cell| alone(&of_cell(cell), options, &x)).collect::<Option<_>>()?;
+    let (count, n) = (cells.len() as f64, x.len());
+    let mean = |of: fn(&Own) -> &DMatrix<f64>| cells.iter().fold(DMatrix::zeros(n, n), |sum, cell| sum + of(cell)) / count;
+    let centre: Vec<f64> = (0..n).map(|i| cells.iter().map(|cell| cell.x[i]).sum::<f64>() / count).collect();
+    let scatter = cells.iter().fold(DMatrix::zeros(n, n), |sum, cell| {
+        let off = DMatrix::from_fn(n, 1, |i, _| cell.x[i] - centre[i]);
+        sum + &off * off.transpose()
+    }) / (count - 1.0);
+    let noise = mean(|cell| &cell.noise);
+    let shared = mean(|cell| &cell.full) - &noise;
+    let covariance = at_least(&scatter, &noise)? / count + shared;
+    let entry = |i: usize, j: usize| Some(covariance[(i, j)]);
+    uncertainty.sigma = sigma_of(erm, &entry);
+    uncertainty.log_covariance = Some((0..n).map(|i| (0..n).map(|j| covariance[(i, j)]).collect()).collect());
+    let (value, freedom) = cells.iter().fold((0.0, 0.0), |(value, freedom), cell| (value + cell.value, freedom + cell.freedom));
+    Some(value / freedom).filter(|chi2| chi2.is_finite())
+}
+
+fn alone(sweeps: &[Spectrum], options: &FitOptions, x: &[f64]) -> Option<Own> {
+    let problem = Problem::new(sweeps, options.objective);
+    let minimum = polish(&problem, x, &log_bounds(options));
+    let erm = to_erm(&minimum.x);
+    let (n, own) = (x.len(), Clusters::sweeps(sweeps.len()));
+    let uncertainty = Uncertainty::of(&problem, &erm, options, &own);
+    let rows = uncertainty.log_covariance.filter(|rows| rows.iter().flatten().all(|entry| entry.is_finite()))?;
+    let noise = own_noise(&problem, &minimum.x, (uncertainty.freedom, &own))?;
+    let full = DMatrix::from_fn(n, n, |i, j| rows[i][j]);
+    Some(Own { x: minimum.x, full, noise: DMatrix::from_row_slice(n, n, &noise), value: minimum.value, freedom: uncertainty.freedom })
+}
+
+/// The covariance, or the noise in those directions in which it is less than that; none for a noise that is not positive definite.
+fn at_least(covariance: &DMatrix<f64>, noise: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let root = noise.clone().cholesky()?.l();
+    let whitened = root.solve_lower_triangular(&root.solve_lower_triangular(covariance)?.transpose())?;
+    let eigen = SymmetricEigen::new((&whitened + whitened.transpose()) * 0.5);
+    let raised = &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| value.max(1.0))) * eigen.eigenvectors.transpose();
+    Some(&root * raised * root.transpose())
+}
