@@ -71,6 +71,7 @@ fn at_least(covariance: &DMatrix<f64>, noise: &DMatrix<f64>) -> Option<DMatrix<f
     let root = noise.clone().cholesky()?.l();
     let whitened = root.solve_lower_triangular(&root.solve_lower_triangular(covariance)?.transpose())?;
     let eigen = SymmetricEigen::new((&whitened + whitened.transpose()) * 0.5);
-    let raised = &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| value.max(1.0))) * eigen.eigenvectors.transpose();
+    let raised =
+        &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| value.max(1.0))) * eigen.eigenvectors.transpose();
     Some(&root * raised * root.transpose())
 }

@@ -37,7 +37,8 @@ pub(super) fn directions(spectrum: &Spectrum, index: usize, names: &[&str]) -> V
 fn level(group: &mut [Seen], count: usize) {
     for error in 0..count {
         let has = |seen: &&mut Seen| seen.directions[error] != Complex64::ZERO;
-        let (sum, number) = group.iter_mut().filter(has).fold((Complex64::ZERO, 0.0), |(sum, n), seen| (sum + seen.directions[error], n + 1.0));
+        let (sum, number) =
+            group.iter_mut().filter(has).fold((Complex64::ZERO, 0.0), |(sum, n), seen| (sum + seen.directions[error], n + 1.0));
         group.iter_mut().filter(has).for_each(|seen| seen.directions[error] = sum / number);
     }
 }

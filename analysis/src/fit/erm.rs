@@ -94,7 +94,8 @@ fn fit(spectra: &[Spectrum], options: &FitOptions, (clusters, starts): (&Cluster
     let charge_storage = charge_storage(&problem, spectra, options, &fitted);
     let pooled_chi2 = problem.absolute_weights.then_some(minimum.value / uncertainty.freedom).filter(|c| c.is_finite());
     let cells = clusters.cells();
-    let within_chi2 = cells.filter(|_| problem.absolute_weights).and_then(|_| between_cells(spectra, options, (clusters, &erm), &mut uncertainty));
+    let within_chi2 =
+        cells.filter(|_| problem.absolute_weights).and_then(|_| between_cells(spectra, options, (clusters, &erm), &mut uncertainty));
     let mut fit = ErmFit {
         objective: minimum.value,
         objective_kind: options.objective,

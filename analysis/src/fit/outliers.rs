@@ -41,7 +41,8 @@ pub(super) fn standing_out(problem: &Problem, erm: &Erm) -> Vec<usize> {
 /// Names the points that stand out of a fit of these spectra; nothing where none does. Of many spectra those are looked at that hold the furthest.
 pub(super) fn remarks(spectra: &[Spectrum], erm: &Erm) -> Vec<String> {
     let suspects = standing_out(&Problem::new(spectra, Objective::Complex), erm);
-    let found: Vec<String> = suspects.iter().take(MOST_NAMED).flat_map(|number| of_spectrum(&spectra[*number], spectra.len() > 1)).collect();
+    let found: Vec<String> =
+        suspects.iter().take(MOST_NAMED).flat_map(|number| of_spectrum(&spectra[*number], spectra.len() > 1)).collect();
     let more = found.len().saturating_sub(MOST_NAMED);
     let mut named: Vec<String> = found.into_iter().take(MOST_NAMED).collect();
     if more > 0 {

@@ -33,7 +33,11 @@ fn frequencies(sweep: &str, freqs_hz: &[f64]) -> String {
         several => {
             let (least, greatest) =
                 several.iter().fold((f64::INFINITY, 0.0_f64), |(least, greatest), &freq_hz| (least.min(freq_hz), greatest.max(freq_hz)));
-            format!("{sweep}, {} points from {least:.4} Hz to {greatest:.4} Hz", several.len())
+            if least < greatest {
+                format!("{sweep}, {} points from {least:.4} Hz to {greatest:.4} Hz", several.len())
+            } else {
+                format!("{sweep}, each at {least:.4} Hz")
+            }
         }
     }
 }
