@@ -1,6 +1,6 @@
 //! Sigmas of a model of several cells whose points have stated covariances. These tell the noise of a sweep, while the cells differ by far more than it:
-//! every cell is fitted on its own, and the scatter of the cells' parameters is the uncertainty of their mean as the mean of all such cells. It is
-//! never taken for less than the noise explains. What the points of all cells have in common moves them all alike and is added.
+//! every cell is fitted on its own, and the scatter of the cells' parameters is the uncertainty of their mean as the mean of all such cells. What the
+//! points of all cells have in common moves them all alike and is added.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
@@ -46,7 +46,7 @@ pub(super) fn between_cells(
     }) / (count - 1.0);
     let noise = mean(|cell| &cell.noise);
     let shared = mean(|cell| &cell.full) - &noise;
-    let covariance = at_least(&scatter, &noise)? / count + shared;
+    let covariance = filled(&scatter, &noise)? / count + shared;
     let entry = |i: usize, j: usize| Some(covariance[(i, j)]);
     uncertainty.sigma = sigma_of(erm, &entry);
     uncertainty.log_covariance = Some((0..n).map(|i| (0..n).map(|j| covariance[(i, j)]).collect()).collect());
@@ -66,12 +66,15 @@ fn alone(sweeps: &[Spectrum], options: &FitOptions, x: &[f64]) -> Option<Own> {
     Some(Own { x: minimum.x, full, noise: DMatrix::from_row_slice(n, n, &noise), value: minimum.value, freedom: uncertainty.freedom })
 }
 
-/// The covariance, or the noise in those directions in which it is less than that; none for a noise that is not positive definite.
-fn at_least(covariance: &DMatrix<f64>, noise: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+/// The scatter, whose directions that so few cells do not tell are filled with the noise; the variance of each parameter stays that of the scatter. None for a
+/// noise that is not positive definite.
+fn filled(scatter: &DMatrix<f64>, noise: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let root = noise.clone().cholesky()?.l();
-    let whitened = root.solve_lower_triangular(&root.solve_lower_triangular(covariance)?.transpose())?;
+    let whitened = root.solve_lower_triangular(&root.solve_lower_triangular(scatter)?.transpose())?;
     let eigen = SymmetricEigen::new((&whitened + whitened.transpose()) * 0.5);
     let raised =
         &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| value.max(1.0))) * eigen.eigenvectors.transpose();
-    Some(&root * raised * root.transpose())
+    let full = &root * raised * root.transpose();
+    let scale: Vec<f64> = (0..full.nrows()).map(|i| (scatter[(i, i)] / full[(i, i)]).sqrt()).collect();
+    Some(DMatrix::from_fn(full.nrows(), full.ncols(), |i, j| scale[i] * scale[j] * full[(i, j)]))
 }
