@@ -24,19 +24,25 @@ struct Own {
     freedom: f64,
 }
 
-/// Puts the scatter of the cells in the place of the widened noise of sweeps; gives χ² per degree of freedom within the cells. None, and nothing done,
-/// where a cell does not fix all parameters.
+/// The mean of the cells, each counting once however often and well it was measured.
+pub(super) struct Between {
+    pub(super) erm: Erm,
+    /// χ² per degree of freedom within the cells.
+    pub(super) reduced_chi2: Option<f64>,
+}
+
+/// The mean of the cells' logarithmic parameters, with their scatter in the place of the widened noise of sweeps. None, and nothing done, where a cell does
+/// not fix all parameters. `x` is where the fits to the cells begin.
 pub(super) fn between_cells(
     spectra: &[Spectrum],
     options: &FitOptions,
-    (clusters, erm): (&Clusters, &Erm),
+    (clusters, x): (&Clusters, &[f64]),
     uncertainty: &mut Uncertainty,
-) -> Option<f64> {
-    let x = erm.log_parameters();
+) -> Option<Between> {
     let of_cell = |cell: usize| -> Vec<Spectrum> {
         spectra.iter().enumerate().filter(|(sweep, _)| clusters.of(*sweep) == cell).map(|(_, spectrum)| spectrum.clone()).collect()
     };
-    let cells: Vec<Own> = (0..clusters.count).map(|cell| alone(&of_cell(cell), options, &x)).collect::<Option<_>>()?;
+    let cells: Vec<Own> = (0..clusters.count).map(|cell| alone(&of_cell(cell), options, x)).collect::<Option<_>>()?;
     let (count, n) = (cells.len() as f64, x.len());
     let mean = |of: fn(&Own) -> &DMatrix<f64>| cells.iter().fold(DMatrix::zeros(n, n), |sum, cell| sum + of(cell)) / count;
     let centre: Vec<f64> = (0..n).map(|i| cells.iter().map(|cell| cell.x[i]).sum::<f64>() / count).collect();
@@ -48,10 +54,11 @@ pub(super) fn between_cells(
     let shared = mean(|cell| &cell.full) - &noise;
     let covariance = filled(&scatter, &noise)? / count + shared;
     let entry = |i: usize, j: usize| Some(covariance[(i, j)]);
-    uncertainty.sigma = sigma_of(erm, &entry);
+    let erm = to_erm(&centre);
+    uncertainty.sigma = sigma_of(&erm, &entry);
     uncertainty.log_covariance = Some((0..n).map(|i| (0..n).map(|j| covariance[(i, j)]).collect()).collect());
     let (value, freedom) = cells.iter().fold((0.0, 0.0), |(value, freedom), cell| (value + cell.value, freedom + cell.freedom));
-    Some(value / freedom).filter(|chi2| chi2.is_finite())
+    Some(Between { erm, reduced_chi2: Some(value / freedom).filter(|chi2| chi2.is_finite()) })
 }
 
 fn alone(sweeps: &[Spectrum], options: &FitOptions, x: &[f64]) -> Option<Own> {

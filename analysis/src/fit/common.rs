@@ -57,6 +57,8 @@ pub(crate) struct Common {
     information: Vec<f64>,
     /// Cholesky factor of G.
     factor: Vec<f64>,
+    /// λ.
+    noise: f64,
 }
 
 /// A measured point as the common errors see it.
@@ -104,6 +106,7 @@ impl Common {
         let n = self.count();
         let mut factor = self.information.clone();
         (0..n).for_each(|i| factor[i * n + i] += noise);
+        self.noise = noise;
         cholesky(&mut factor, n).then(|| self.factor = factor)
     }
 
@@ -121,6 +124,11 @@ impl Common {
         cholesky_substitute(&self.factor, self.count(), &mut best);
         let taken = b.iter().zip(&best).map(|(b, a)| a * b).sum();
         (best, taken)
+    }
+
+    /// Share of the objective that the errors themselves have, which is no misfit of the data.
+    pub(super) fn own_share(&self, best: &[f64]) -> f64 {
+        self.noise * best.iter().map(|a| a * a).sum::<f64>()
     }
 
     /// Gradient of what the errors take off, over (Re, Im) of a group's impedance.

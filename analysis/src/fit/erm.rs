@@ -1,8 +1,9 @@
 //! The fit of an extended Randles model: global search, polish, uncertainty.
 
-use super::between::between_cells;
+use super::between::{Between, between_cells};
 use super::cells::CellSweeps;
 use super::clusters::Clusters;
+use super::local::Smooth;
 use super::minima::{LocalMinimum, other_minima};
 use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
 use super::outliers;
@@ -91,18 +92,28 @@ fn fit(spectra: &[Spectrum], options: &FitOptions, (clusters, starts): (&Cluster
     carry(spectra, options, &x, &mut uncertainty);
     let noise = if problem.absolute_weights { 1.0 } else { minimum.value / uncertainty.freedom.max(1.0) };
     let fitted = Fitted { x: &x, log_covariance: uncertainty.log_covariance.as_deref(), noise };
-    let charge_storage = charge_storage(&problem, spectra, options, &fitted);
+    let mut charge_storage = charge_storage(&problem, spectra, options, &fitted);
     let pooled_chi2 = problem.absolute_weights.then_some(minimum.value / uncertainty.freedom).filter(|c| c.is_finite());
     let cells = clusters.cells();
-    let within_chi2 =
-        cells.filter(|_| problem.absolute_weights).and_then(|_| between_cells(spectra, options, (clusters, &erm), &mut uncertainty));
+    let between =
+        cells.filter(|_| problem.absolute_weights).and_then(|_| between_cells(spectra, options, (clusters, &x), &mut uncertainty));
+    let rests_on_cells = between.is_some() || !problem.absolute_weights;
+    let (within_chi2, erm, x) = match between {
+        Some(Between { erm, reduced_chi2 }) => {
+            let more_ohm = erm.dc_resistance_ohm() - to_erm(&x).dc_resistance_ohm();
+            charge_storage.iter_mut().for_each(|storage| storage.apparent_dc_resistance_ohm += more_ohm);
+            let x = erm.log_parameters();
+            (reduced_chi2, erm, x)
+        }
+        None => (None, erm, x),
+    };
     let mut fit = ErmFit {
-        objective: minimum.value,
+        objective: if within_chi2.is_some() { problem.value(&x) } else { minimum.value }.max(0.0),
         objective_kind: options.objective,
         points: problem.points,
         spectra: spectra.len(),
-        cells: cells.filter(|_| !problem.absolute_weights || within_chi2.is_some()),
-        rms_ohm: rms_ohm(&problem, &minimum.x),
+        cells: cells.filter(|_| rests_on_cells),
+        rms_ohm: rms_ohm(&problem, &x),
         reduced_chi2: within_chi2.or(pooled_chi2),
         sigma: uncertainty.sigma,
         charge_storage,
@@ -114,6 +125,7 @@ fn fit(spectra: &[Spectrum], options: &FitOptions, (clusters, starts): (&Cluster
         seed: options.seed,
     };
     fit.warnings = warnings(&fit, &problem, spectra, minimum.converged);
+    fit.warnings.extend(fit.charge_storage.as_ref().and_then(ChargeStorage::contradiction));
     fit.warnings.extend(clusters.remark(fit.cells.is_none() && problem.absolute_weights));
     fit.warnings.extend(sign_remarks(spectra).into_iter().chain(outliers::remarks(spectra, &fit.erm)));
     Ok(fit)

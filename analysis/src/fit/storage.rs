@@ -5,6 +5,7 @@ use super::options::{FitOptions, Objective};
 use super::problem::Problem;
 use super::search::{log_bounds, polish};
 use super::uncertainty::{Uncertainty, sigma_of};
+use crate::brief::brief;
 use crate::model::Erm;
 use crate::spectrum::{OCV_SLOPE, OcvSlope, Spectrum};
 use serde::{Deserialize, Serialize};
@@ -26,18 +27,55 @@ pub struct ChargeStorage {
     pub apparent_dc_resistance_ohm: f64,
 }
 
+/// Scale of relative noise beside which a prior is as good as absent: a standard deviation of 0.001 % of |Z|.
+const FAINT_NOISE: f64 = 1.0e-10;
+/// Standard deviations of what was given beyond which a fitted slope contradicts it: 3 of 1000 do by chance.
+const CONTRADICTED: f64 = 3.0;
+
 /// Fits again until the noise of relative weights is that of the residuals, so that what is known of common errors counts for what it is worth.
+///
+/// It is first read where common errors are free: a misfit that comes of what was given must not count as noise, which would hold them to it all the more.
 pub(super) fn settle_noise(problem: &mut Problem, options: &FitOptions, minimum: &mut super::local::Minimum) {
     if problem.absolute_weights || problem.common.is_none() {
         return;
     }
+    let bounds = log_bounds(options);
     let freedom = (2 * problem.points).saturating_sub(minimum.x.len()) as f64;
+    let scale = |problem: &mut Problem, noise: f64| problem.common.as_mut().and_then(|common| common.set_noise(noise)).is_some();
+    if !scale(problem, FAINT_NOISE) {
+        return;
+    }
+    let mut noise = misfit(problem, &polish(problem, &minimum.x, &bounds)) / freedom.max(1.0);
     for _ in 0..NOISE_ROUNDS {
-        let noise = minimum.value / freedom.max(1.0);
-        if !(noise > 0.0 && noise.is_finite()) || problem.common.as_mut().and_then(|common| common.set_noise(noise)).is_none() {
+        if !(noise > 0.0 && noise.is_finite() && scale(problem, noise)) {
             return;
         }
-        *minimum = polish(problem, &minimum.x, &log_bounds(options));
+        *minimum = polish(problem, &minimum.x, &bounds);
+        noise = misfit(problem, minimum) / freedom.max(1.0);
+    }
+}
+
+/// The objective without the share of the common errors themselves.
+fn misfit(problem: &Problem, minimum: &super::local::Minimum) -> f64 {
+    let own = problem.common.as_ref().map_or(0.0, |common| common.own_share(&common.best(&problem.model(&minimum.x)).0));
+    minimum.value - own
+}
+
+impl ChargeStorage {
+    /// A sentence where the data contradict the slope that was given.
+    pub(super) fn contradiction(&self) -> Option<String> {
+        let off = (self.v_per_c - self.given.v_per_c) / self.given.sigma_v_per_c;
+        (off.abs() > CONTRADICTED && off.is_finite()).then(|| {
+            let micro = |v: f64| brief(1.0e6 * v, 3);
+            format!(
+                "these data want {} µV/C as the slope of the open-circuit voltage, {} times its uncertainty from the {} ± {} µV/C given: \
+                 the curve, the state of charge or the prior is another, and the slow branches and the misfit depend on it; give the slope that holds here",
+                micro(self.v_per_c),
+                brief(off.abs(), 3),
+                micro(self.given.v_per_c),
+                micro(self.given.sigma_v_per_c)
+            )
+        })
     }
 }
 

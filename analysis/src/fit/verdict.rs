@@ -24,7 +24,8 @@ pub(super) fn judge(rows: &[OrderRow]) -> (usize, Vec<usize>, Vec<String>) {
     let plausible: Vec<usize> = eligible.iter().copied().filter(near).map(|r| r.rc).collect();
     let usable = |r: &&OrderRow| plausible.contains(&r.rc) && r.unidentified.is_empty();
     let recommended = rows.iter().filter(usable).min_by(|a, b| a.aicc.total_cmp(&b.aicc)).unwrap_or(best);
-    let mut reasons = vec![akaike(rows, best)];
+    let mut reasons = vec![akaike(&eligible, best)];
+    reasons.extend(rows.iter().filter(|r| r.aicc < best.aicc && !r.held_by_bounds.is_empty()).map(at_a_bound));
     reasons.push(f_test(rows, tested));
     reasons.extend(whiteness(rows));
     reasons.extend(lack_of_fit(rows));
@@ -58,7 +59,16 @@ fn by_f_test(rows: &[OrderRow]) -> usize {
     rows.iter().filter(|r| r.f_test_p.is_some_and(|p| p < LEVEL)).map(|r| r.rc).max().or(rows.first().map(|r| r.rc)).unwrap_or(0)
 }
 
-fn akaike(rows: &[OrderRow], best: &OrderRow) -> String {
+/// Of an order that is not taken although its criterion is less.
+fn at_a_bound(r: &OrderRow) -> String {
+    format!(
+        "{} RC is not taken although its AICc is less: {} stands at a bound, so that a branch imitates something else",
+        r.rc,
+        r.held_by_bounds.join(", ")
+    )
+}
+
+fn akaike(rows: &[&OrderRow], best: &OrderRow) -> String {
     let next = rows.iter().filter(|r| r.rc != best.rc).min_by(|a, b| a.aicc.total_cmp(&b.aicc));
     match next {
         Some(next) if next.aicc.is_finite() => {

@@ -118,7 +118,13 @@ fn judge(tally: &mut Tally, finished: &Finished, folder: &Path) {
             add_point(tally, index, point, truth);
         }
     }
-    let Ok(text) = std::fs::read_to_string(folder.join(format!("model_{TRUE_RC}rc.json"))) else { return };
+    if measured.spectrum.points.is_empty() {
+        return;
+    }
+    let text = match std::fs::read_to_string(folder.join(format!("model_{TRUE_RC}rc.json"))) {
+        Ok(text) => text,
+        Err(error) => return tally.fail(format!("model_{TRUE_RC}rc.json: {error}")),
+    };
     match ModelFile::from_json(&text) {
         Ok(model) => {
             add_fit(tally, &model.fit, &truth());

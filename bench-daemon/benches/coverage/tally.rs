@@ -69,14 +69,16 @@ impl Tally {
         self.rows.iter().map(|((_, name), row)| (name.as_str(), row.deviations.as_slice()))
     }
 
-    /// Quantities whose stated 95 % interval holds the truth so rarely that chance does not explain it, and what failed.
+    /// Quantities whose stated 95 % interval holds the truth so rarely that chance does not explain it, those without one, and what failed.
     pub(crate) fn refuted(&self) -> Vec<String> {
         let rare = |(name, deviations): (&str, &[f64])| {
             let inside = hits(deviations, LEVELS[1]);
             let chance: f64 = (0..=inside).map(|k| probability(k, deviations.len(), 0.95)).sum();
             (chance < REFUTED).then(|| format!("{name}: {inside} of {}", deviations.len()))
         };
-        self.rows().filter_map(rare).chain(self.failed.iter().cloned()).collect()
+        let without =
+            |((_, name), row): (&(usize, String), &Row)| (row.unstated > 0).then(|| format!("{name}: {} without σ", row.unstated));
+        self.rows().filter_map(rare).chain(self.rows.iter().filter_map(without)).chain(self.failed.iter().cloned()).collect()
     }
 
     /// The table in Markdown.

@@ -9,6 +9,7 @@ mod outliers;
 mod profile;
 mod refusal;
 mod spread;
+mod storage;
 mod thesis;
 
 use super::Rng;

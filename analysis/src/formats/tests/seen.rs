@@ -123,6 +123,20 @@ fn both_curves_of_a_drift_corrected_file_are_read() {
 }
 
 #[test]
+fn a_corrected_curve_in_other_words_is_read_beside_the_other() {
+    for [re, im] in [
+        ["Z' (drift corrected)/Ohm", "Z'' (drift corrected)/Ohm"],
+        ["Z' corrected/Ohm", "Z'' corrected/Ohm"],
+        ["Zre_corr (Ohm)", "Zim_corr (Ohm)"],
+    ] {
+        let text = format!("Freq/Hz,Z'/Ohm,Z''/Ohm,{re},{im}\n100,30,-4,29,-3\n10,31,-5,28,-2\n");
+        let spectra = read("x.csv", &text).unwrap();
+        assert_eq!(names(&spectra), ["x.csv#drift-corrected", "x.csv#uncorrected"], "{re}");
+        assert_eq!(spectra[0].spectrum.points[0].z_ohm, Complex64::new(28.0, -2.0), "{re}");
+    }
+}
+
+#[test]
 fn tables_in_one_file_are_spectra_of_their_own() {
     let table =
         |name: &str, z: f64| format!("{name}\tTABLE\t2\n\tPt\tFreq\tZreal\tZimag\n\t#\tHz\tohm\tohm\n\t0\t100\t{z}\t-4\n\t1\t10\t31\t-5\n");

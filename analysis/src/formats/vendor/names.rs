@@ -133,16 +133,17 @@ fn short(base: &str) -> bool {
     matches!(base.trim_start_matches('-'), "re" | "im" | "real" | "imag" | "imaginary" | "f" | "z" | "phase" | "theta" | "phi" | "angle")
 }
 
+/// Ends of the names of curves that were corrected, the longer first; `DrCor` is Gamry's.
+const CORRECTED: [&str; 7] = ["(driftcorrected)", "driftcorrected", "(corrected)", "corrected", "(corr)", "corr", "drcor"];
+
 /// The quantity of a name without unit, its sign, and whether it is corrected for a drift.
 fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
     let (sign, base) = match base.strip_prefix('-').or_else(|| base.strip_prefix("neg")) {
         Some(rest) => (-1.0, rest),
         None => (1.0, base),
     };
-    let (drift_corrected, base) = match base.strip_suffix("drcor") {
-        Some(rest) => (true, rest),
-        None => (false, base),
-    };
+    let corrected = CORRECTED.iter().find_map(|suffix| base.strip_suffix(suffix));
+    let (drift_corrected, base) = (corrected.is_some(), corrected.unwrap_or(base));
     let quantity = match base {
         "f" | "freq" | "frequency" => Quantity::Frequency,
         // ZPlot's (a) and (b) are no units.
