@@ -61,8 +61,9 @@ fn by_f_test(rows: &[OrderRow]) -> usize {
 
 /// Of an order that is not taken although its criterion is less.
 fn at_a_bound(r: &OrderRow) -> String {
+    let stand = if r.held_by_bounds.len() > 1 { "stand" } else { "stands" };
     format!(
-        "{} RC is not taken although its AICc is less: {} stands at a bound, so that a branch imitates something else",
+        "{} RC is not taken although its AICc is less: {} {stand} at a bound, so that a branch imitates something else",
         r.rc,
         r.held_by_bounds.join(", ")
     )
