@@ -1,6 +1,9 @@
 //! The named instruments of one bench: opened, asked who they are, brought into safe state. Opening changes nothing on any of them.
 
+mod output;
 mod safe;
+
+pub use output::{Output, SafeReport, Unsafe};
 
 use std::collections::BTreeMap;
 
@@ -65,16 +68,9 @@ pub enum BenchError {
         /// Its answer.
         found: String,
     },
-    /// An output is off by its own word, and yet a current flows.
-    #[error("{role} ({model}): expected no current with its output off, measured {amps:.3} A")]
-    Flowing {
-        /// Its role.
-        role: &'static str,
-        /// Its model in the configuration.
-        model: String,
-        /// The current, A.
-        amps: f64,
-    },
+    /// Outputs that are not known to be off.
+    #[error(transparent)]
+    Unsafe(#[from] Unsafe),
     /// A step needs a role that the bench lacks.
     #[error("the bench has no {role}, which this step needs")]
     Missing {
@@ -103,6 +99,8 @@ pub struct Connections {
 
 /// The instruments of one bench.
 pub struct Bench {
+    /// Its name.
+    name: String,
     /// Bipolar supply.
     pub supply4q: Option<Supply4q>,
     /// Signal generator.
@@ -169,6 +167,7 @@ impl Bench {
         };
         let logger = instruments.logger.as_ref().map(|(instrument, _, _)| instrument);
         Ok(Self {
+            name: config.name.clone(),
             supply4q: open(connections, "supply4q", supply4q::DIALECTS, instruments.supply4q.as_ref()).await?,
             generator: open(connections, "generator", generator::DIALECTS, instruments.generator.as_ref())
                 .await?
@@ -194,6 +193,7 @@ impl Bench {
         let instruments = &config.instruments;
         let channel = u16::from(config.wiring.generator_channel);
         Ok(Self {
+            name: config.name.clone(),
             supply4q: unconnected(connections, "supply4q", supply4q::DIALECTS, instruments.supply4q.as_ref())?,
             generator: unconnected(connections, "generator", generator::DIALECTS, instruments.generator.as_ref())?
                 .map(|generator| generator.on_channels(vec![channel])),

@@ -295,7 +295,7 @@ impl<'a> Executor<'a> {
 
     /// Takes another cell into use. Where a person does it, they are asked when it is to be clamped.
     async fn insert(&mut self, specimen: &Arc<Specimen>) -> Result<(), ExecuteError> {
-        self.bench.safe_state().await.map_err(first)?;
+        self.bench.made_safe().await.map_err(BenchError::from)?;
         let error = self.bench.error("jig");
         if let Some(jig) = self.bench.jig.as_mut() {
             jig.insert(specimen.number).await.map_err(error)?;
@@ -309,7 +309,7 @@ impl<'a> Executor<'a> {
     }
 
     async fn mount(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        self.bench.safe_state().await.map_err(first)?;
+        self.bench.made_safe().await.map_err(BenchError::from)?;
         let error = self.bench.error("load");
         if let Some(load) = self.bench.load.as_mut() {
             // From here on it is the cell's voltmeter.
@@ -350,9 +350,4 @@ impl<'a> Executor<'a> {
 /// The instrument of a role, or a complaint that the bench lacks it.
 fn require<'b, T>(instrument: &'b mut Option<T>, role: &'static str) -> Result<&'b mut T, BenchError> {
     instrument.as_mut().ok_or(BenchError::Missing { role })
-}
-
-fn first(mut failures: Vec<BenchError>) -> BenchError {
-    // Never empty: an empty list is no failure.
-    failures.drain(..).next().unwrap_or(BenchError::Missing { role: "supply4q" })
 }

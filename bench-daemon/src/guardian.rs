@@ -26,7 +26,7 @@ use tokio::sync::mpsc::UnboundedReceiver;
 pub use keeper::{GuardianError, Keeper, wait_for_earlier};
 
 use crate::{
-    bench::{Bench, BenchError, Connections, Identified},
+    bench::{Bench, Connections, Identified, SafeReport},
     config,
     interlock::Trip,
     state::{Latched, State, StateError, pid},
@@ -77,7 +77,7 @@ struct Report {
     attempts: u32,
     failures: Vec<String>,
     /// What each instrument measured after it was off, V and A.
-    read_back: BTreeMap<&'static str, (f64, f64)>,
+    read_back: BTreeMap<String, (f64, f64)>,
     /// From stepping in to verified, bench s.
     took_s: Option<f64>,
     unix_s: f64,
@@ -208,13 +208,13 @@ impl<'a> Watch<'a> {
         loop {
             self.report.attempts += 1;
             let mut bench = Bench::unconnected(self.charge.bench, &self.connections)?;
-            let failures = bench.safe_state().await.err().unwrap_or_default();
-            if failures.is_empty() {
-                self.report.took_s = Some(self.clock.now_s() - start_s);
-                return self.verified(&mut bench).await;
-            }
+            let safe = bench.safe_state().await;
             drop(bench);
-            self.failed(&failures);
+            if safe.verified {
+                self.report.took_s = Some(self.clock.now_s() - start_s);
+                return self.verified(&safe);
+            }
+            self.failed(&safe);
             if !self.state.exists() && self.report.attempts >= PATIENCE {
                 tracing::error!("the state folder was taken away: giving up");
                 return Err(GuardianError::GaveUp);
@@ -224,12 +224,12 @@ impl<'a> Watch<'a> {
         }
     }
 
-    fn failed(&mut self, failures: &[BenchError]) {
-        self.report.failures = failures.iter().map(ToString::to_string).collect();
-        let listed = self.report.failures.join("; ");
-        tracing::error!("attempt {}: {listed}; trying again until it succeeds; to end this, kill process {}", self.report.attempts, pid());
+    fn failed(&mut self, safe: &SafeReport) {
+        self.report.failures = vec![safe.message.clone()];
+        tracing::error!("attempt {}: {}; {}", self.report.attempts, safe.message, safe.troubles());
         if self.report.attempts == 1 {
-            self.latch(Latched::new("guardian", &format!("{}, and the guardian could not verify safe state: {listed}", self.cause())));
+            tracing::error!("trying again until it succeeds; to end this, kill process {}", pid());
+            self.latch(Latched::new("guardian", &format!("{}, and the guardian cannot switch off: {}", self.cause(), safe.message)));
         }
         self.note("switching off");
     }
@@ -241,17 +241,13 @@ impl<'a> Watch<'a> {
         }
     }
 
-    async fn verified(&mut self, bench: &mut Bench) -> Result<(), GuardianError> {
+    fn verified(&mut self, safe: &SafeReport) -> Result<(), GuardianError> {
         tracing::warn!("every output is off and read back, {:.1} s after the guardian stepped in", self.report.took_s.unwrap_or(0.0));
         self.report.failures.clear();
-        for (role, read) in bench.read_back().await {
-            match read {
-                Ok(read) => self.report.read_back.insert(role, read).map_or((), |_| ()),
-                Err(error) => tracing::warn!("{error}"),
-            }
-        }
+        let metered = safe.outputs.iter().filter_map(|output| Some((output.role.clone(), (output.volts?, output.amps?))));
+        self.report.read_back = metered.collect();
         // The load's leads see the cell itself. What cannot be read any more may be anything.
-        let volts = ["load", "supply4q"].iter().find_map(|role| self.report.read_back.get(role)).map_or(f64::NAN, |(volts, _)| *volts);
+        let volts = ["load", "supply4q"].iter().find_map(|role| self.report.read_back.get(*role)).map_or(f64::NAN, |(volts, _)| *volts);
         let (least, greatest) = self.charge.window_v;
         if let Some(value) = Some(volts).filter(|volts| self.cell && !(least..=greatest).contains(volts)) {
             let what = "cell voltage, found by the guardian after it had switched off,";

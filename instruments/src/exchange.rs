@@ -52,6 +52,26 @@ pub enum Exchange {
     },
 }
 
+/// A way to let no current flow through an instrument whose output does not go off.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Way {
+    /// What it does, as the end of a sentence that begins with "by".
+    pub name: &'static str,
+    /// How.
+    pub script: Vec<Exchange>,
+}
+
+/// A limit within the instrument that bounds its current, as it can be asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Bound {
+    /// The question; its answer is a number.
+    pub query: &'static str,
+    /// The words before the number.
+    pub words: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+}
+
 impl Exchange {
     /// A command that is sent and trusted to the error queue.
     pub fn send(message: impl Into<String>) -> Self {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::{
-    exchange::{Identity, leading_number},
+    exchange::{Bound, Identity, Way, leading_number, play_all},
     link::{Link, LinkError, LinkProfile},
     transport::Address,
     units::{Amps, Volts},
@@ -80,6 +80,25 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// Asks for a voltage, then for a current.
     pub(crate) async fn volts_and_amps(&mut self, [volts, amps]: [&str; 2]) -> Result<(Volts, Amps), LinkError> {
         Ok((Volts(self.number(volts).await?), Amps(self.number(amps).await?)))
+    }
+
+    /// Goes a way to zero current, whatever is refused in between.
+    ///
+    /// # Errors
+    /// The link's error for the first message that failed.
+    pub async fn go(&mut self, way: &Way) -> Result<(), LinkError> {
+        play_all(&mut self.link, &way.script).await
+    }
+
+    /// What the instrument says of the limits that bound it, in words; nothing of those that it does not answer.
+    pub async fn bounded_by(&mut self, bounds: &[Bound]) -> Vec<String> {
+        let mut told = Vec::new();
+        for Bound { query, words, unit } in bounds {
+            // Who does not answer once is not asked again: that would only take time.
+            let Ok(number) = self.number(query).await else { break };
+            told.push(format!("{words} {number} {unit}"));
+        }
+        told
     }
 
     /// The dialect that is spoken.

@@ -1,17 +1,26 @@
-//! Safe state: everything off that can move charge, in the order that cannot harm the cell, read back and proven.
+//! Safe state: everything off that can move charge, in the order that cannot harm the cell, read back and proven. What does not go off is brought to zero
+//! by the other ways that its dialect declares.
 
 use std::time::Duration;
 
 use instruments::{
+    chiller::Chiller,
     clock::Clock,
+    exchange::Way,
     generator::Generator,
     instrument::{Instrument, Model},
     link::LinkError,
+    load::Load,
+    supply::Supply,
     supply4q::Supply4q,
     units::Volts,
 };
 
-use super::{Bench, BenchError, wrap};
+use super::{
+    Bench, BenchError,
+    output::{Output, SafeReport, Unsafe},
+    wrap,
+};
 use crate::interlock::NO_CURRENT_A;
 
 /// How often safe state is tried again, and the pause before each, s.
@@ -22,32 +31,93 @@ const SAFE_SETTLE_S: f64 = 0.5;
 /// Longest wait for the generator's least sine before the supply is switched off.
 const QUIET_DEADLINE: Duration = Duration::from_secs(2);
 
+/// An instrument that can move charge and measures its own current.
+trait Drive {
+    async fn off(&mut self) -> Result<(), LinkError>;
+    async fn read(&mut self) -> Result<(f64, f64), LinkError>;
+    fn ways(&self) -> Vec<Way>;
+    async fn go_way(&mut self, way: &Way) -> Result<(), LinkError>;
+    async fn told(&mut self) -> Vec<String>;
+    fn rating_a(&self) -> f64;
+    async fn renew(&mut self);
+    fn is_dropped(&mut self) -> bool;
+}
+
+macro_rules! drives {
+    ($($kind:ty, $rating:ident;)+) => { $(
+        impl Drive for $kind {
+            async fn off(&mut self) -> Result<(), LinkError> {
+                self.safe().await
+            }
+
+            async fn read(&mut self) -> Result<(f64, f64), LinkError> {
+                self.measure().await.map(|(volts, amps)| (volts.value(), amps.value()))
+            }
+
+            fn ways(&self) -> Vec<Way> {
+                self.zero()
+            }
+
+            async fn go_way(&mut self, way: &Way) -> Result<(), LinkError> {
+                self.go(way).await
+            }
+
+            async fn told(&mut self) -> Vec<String> {
+                self.bounds().await
+            }
+
+            fn rating_a(&self) -> f64 {
+                self.capabilities().$rating.value()
+            }
+
+            async fn renew(&mut self) {
+                fresh(self).await;
+            }
+
+            fn is_dropped(&mut self) -> bool {
+                self.link_mut().is_dropped()
+            }
+        }
+    )+ };
+}
+drives! {
+    Supply4q, full_scale;
+    Load, max_current;
+    Supply, max_current;
+}
+
+/// What switching off has come to: by the instrument's own word, and by which other way.
+type Ended = (Result<(), LinkError>, Option<&'static str>);
+
 impl Bench {
     /// Switches everything off that can move charge, and the relays of a bath without a loop of its own, and proves it: each output is read back, and half a second later no current may flow.
     ///
     /// The generator is brought to its least sine first, which ends the current at once; its output goes off only when the supply's is known to be off,
     /// for without its offset the supply's zero error would flow, or when it does not take the least sine. Load and charger are switched off at the same
-    /// time, so that none waits for another that does not answer. Who fails is tried again for a while on a fresh connection: switching off is
-    /// idempotent.
-    ///
-    /// # Errors
-    /// Every instrument whose safe state could not be verified.
-    pub async fn safe_state(&mut self) -> Result<(), Vec<BenchError>> {
-        let mut failures = Vec::new();
+    /// time, so that none waits for another that does not answer. Whose output does not go off, or carries a current all the same, is brought to zero by
+    /// the other ways of its dialect. Who fails is tried again for a while on a fresh connection: switching off is idempotent.
+    pub async fn safe_state(&mut self) -> SafeReport {
+        let mut report = SafeReport::default();
         for attempt in 0..=SAFE_RETRIES {
             if attempt > 0 {
                 self.clock.sleep_s(SAFE_PAUSE_S).await;
             }
-            failures = self.try_safe().await;
-            if failures.is_empty() {
-                self.clock.sleep_s(SAFE_SETTLE_S).await;
-                failures = self.still_flowing().await;
+            let outputs = self.try_safe().await;
+            report = SafeReport::of(&self.name, outputs);
+            if report.verified {
+                return report;
             }
-            if failures.is_empty() {
-                return Ok(());
-            }
+            tracing::info!("switching off, attempt {}: {}; {}", attempt + 1, report.message, report.troubles());
         }
-        Err(failures)
+        report
+    }
+
+    /// As [`Self::safe_state`], and what could not be verified is an error.
+    ///
+    /// # Errors
+    /// [`Unsafe`].
+    pub async fn made_safe(&mut self) -> Result<(), Unsafe> {
+        self.safe_state().await.proven().map(|_| ())
     }
 
     /// Switches off what drives the cell by the bipolar supply, in the order of [`Self::safe_state`], once. Load and charger stay as they are.
@@ -56,8 +126,9 @@ impl Bench {
     /// The first that could not be read back as off.
     pub async fn drive_off(&mut self) -> Result<(), BenchError> {
         let offset = Volts(self.command_offset_v);
-        let (supply4q, generator) = off(&mut self.generator, &mut self.supply4q, (&self.clock, offset)).await;
-        self.failed([("supply4q", supply4q), ("generator", generator)]).into_iter().next().map_or(Ok(()), Err)
+        let ((supply4q, _), generator) = off(&mut self.generator, &mut self.supply4q, (&self.clock, offset)).await;
+        supply4q.map_err(|source| wrap("supply4q", self.model("supply4q"), source))?;
+        generator.map_err(|source| wrap("generator", self.model("generator"), source))
     }
 
     /// Voltage, V, and current, A, that each instrument which can move charge reads now. A generator has no meter.
@@ -66,7 +137,7 @@ impl Bench {
         macro_rules! read {
             ($role:literal, $field:ident) => {
                 if let Some(instrument) = self.$field.as_mut() {
-                    let read = instrument.measure().await.map(|(volts, amps)| (volts.value(), amps.value()));
+                    let read = instrument.read().await;
                     found.push(($role, read.map_err(|source| wrap($role, self.model($role), source))));
                 }
             };
@@ -77,54 +148,107 @@ impl Bench {
         found
     }
 
-    async fn try_safe(&mut self) -> Vec<BenchError> {
+    async fn try_safe(&mut self) -> Vec<Output> {
         let offset = Volts(self.command_offset_v);
-        let driven = off(&mut self.generator, &mut self.supply4q, (&self.clock, offset));
-        let (load, supply) = (&mut self.load, &mut self.supply);
-        let discharged = async move {
-            let Some(load) = load.as_mut() else { return Ok(()) };
-            fresh(load).await;
-            load.safe().await
-        };
-        let charged = async move {
-            let Some(supply) = supply.as_mut() else { return Ok(()) };
-            fresh(supply).await;
-            supply.safe().await
-        };
+        let clock = self.clock.clone();
+        let driven = off(&mut self.generator, &mut self.supply4q, (&clock, offset));
         let bath = self.chiller.as_mut().filter(|chiller| chiller.is_regulated());
-        let relays = async move {
-            let Some(bath) = bath else { return Ok(()) };
-            fresh(bath).await;
-            bath.pulse(0.0).await
-        };
-        let ((supply4q, generator), load, supply, chiller) = tokio::join!(driven, discharged, charged, relays);
-        self.failed([("supply4q", supply4q), ("generator", generator), ("load", load), ("supply", supply), ("chiller", chiller)])
+        let ((supply4q, generator), load, supply, relays) =
+            tokio::join!(driven, end(&mut self.load, &clock), end(&mut self.supply, &clock), open_relays(bath));
+        clock.sleep_s(SAFE_SETTLE_S).await;
+        let (supply4q, load, supply) = tokio::join!(
+            found(&mut self.supply4q, supply4q, &clock),
+            found(&mut self.load, load, &clock),
+            found(&mut self.supply, supply, &clock)
+        );
+        let plain = |ended: Result<(), LinkError>| Output { off: ended.is_ok(), trouble: told(ended), ..Output::default() };
+        let outputs = [
+            ("supply4q", supply4q),
+            ("generator", self.generator.is_some().then(|| plain(generator))),
+            ("load", load),
+            ("supply", supply),
+            ("chiller", relays.map(plain)),
+        ];
+        let named =
+            |(role, output): (&str, Option<Output>)| Some(Output { role: role.to_owned(), model: self.model(role).to_owned(), ..output? });
+        outputs.into_iter().filter_map(named).collect()
     }
+}
 
-    fn failed<const ROLES: usize>(&self, outcomes: [(&'static str, Result<(), LinkError>); ROLES]) -> Vec<BenchError> {
-        outcomes.into_iter().filter_map(|(role, outcome)| outcome.err().map(|source| wrap(role, self.model(role), source))).collect()
-    }
+fn told(ended: Result<(), LinkError>) -> Option<String> {
+    ended.err().map(|error| error.to_string())
+}
 
-    /// Outputs that say they are off while a current flows.
-    async fn still_flowing(&mut self) -> Vec<BenchError> {
-        let mut failures = Vec::new();
-        macro_rules! measure {
-            ($role:literal, $field:ident) => {
-                if let Some(instrument) = self.$field.as_mut() {
-                    let model = self.models.get($role).map_or("", |instrument| instrument.model.as_str());
-                    match instrument.measure().await {
-                        Ok((_, amps)) if amps.value().abs() <= NO_CURRENT_A => {}
-                        Ok((_, amps)) => failures.push(BenchError::Flowing { role: $role, model: model.to_owned(), amps: amps.value() }),
-                        Err(source) => failures.push(wrap($role, model, source)),
-                    }
-                }
-            };
+/// Switches off; where that fails, goes the other ways to zero.
+async fn end<D: Drive>(drive: &mut Option<D>, clock: &Clock) -> Ended {
+    let Some(drive) = drive.as_mut() else { return (Ok(()), None) };
+    drive.renew().await;
+    let off = drive.off().await;
+    let by = if off.is_err() { zero(drive, clock).await } else { None };
+    (off, by)
+}
+
+/// The ways to zero of an output that does not go off, one after the other, until no current flows; tells which one it was.
+async fn zero<D: Drive>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
+    /// A meter shows the new current after this time, s.
+    const SHOWN_S: f64 = 0.3;
+    for way in drive.ways() {
+        drive.renew().await;
+        if let Err(error) = drive.go_way(&way).await {
+            tracing::warn!("{}: {error}", way.name);
         }
-        measure!("supply4q", supply4q);
-        measure!("load", load);
-        measure!("supply", supply);
-        failures
+        // Who does not answer is asked no more: the next attempt comes soon.
+        if drive.is_dropped() {
+            return None;
+        }
+        clock.sleep_s(SHOWN_S).await;
+        if drive.read().await.is_ok_and(|(_, amps)| amps.abs() <= NO_CURRENT_A) {
+            return Some(way.name);
+        }
     }
+    None
+}
+
+/// What an instrument measures after it was switched off, and what bounds it where it is not known to be off.
+async fn found<D: Drive>(drive: &mut Option<D>, (off, mut by): Ended, clock: &Clock) -> Option<Output> {
+    let drive = drive.as_mut()?;
+    let mut read = drive.read().await;
+    if by.is_none() && read.as_ref().is_ok_and(|(_, amps)| amps.abs() > NO_CURRENT_A) {
+        // By its own word it may be off: the current says otherwise.
+        by = zero(drive, clock).await;
+        read = drive.read().await;
+    }
+    let output = Output {
+        off: off.is_ok(),
+        volts: read.as_ref().ok().map(|read| read.0),
+        amps: read.as_ref().ok().map(|read| read.1),
+        trouble: told(off).or_else(|| told(read.map(|_| ()))),
+        ..Output::default()
+    };
+    let quiet = output.off && output.amps.is_some_and(|amps| amps.abs() <= NO_CURRENT_A);
+    // What another way has ended is not off: it is told as what it is.
+    let off = output.off && by.is_none();
+    if quiet && off {
+        return Some(output);
+    }
+    let mut bounds = if drive.is_dropped() { Vec::new() } else { drive.told().await };
+    if bounds.is_empty() {
+        bounds.push(format!("nothing but its rating of {} A is known to bound it", drive.rating_a()));
+    }
+    Some(Output { off, by: by.map(str::to_owned), bound: Some(bounds.join(", ")), ..output })
+}
+
+async fn open_relays(bath: Option<&mut Chiller>) -> Option<Result<(), LinkError>> {
+    let bath = bath?;
+    fresh(bath).await;
+    let off = bath.pulse(0.0).await;
+    if off.is_err() {
+        for way in bath.zero() {
+            fresh(bath).await;
+            let _ = bath.go(&way).await;
+        }
+    }
+    Some(off)
 }
 
 /// The one order in which the bipolar supply and its command go off: the least sine, the supply with its output open, the generator. What becomes of supply and
@@ -133,7 +257,7 @@ async fn off(
     generator: &mut Option<Generator>,
     supply4q: &mut Option<Supply4q>,
     (clock, offset): (&Clock, Volts),
-) -> (Result<(), LinkError>, Result<(), LinkError>) {
+) -> (Ended, Result<(), LinkError>) {
     let quiet = match generator.as_mut() {
         // Not worth waiting for long: what drives the cell is the supply.
         Some(generator) => {
@@ -145,15 +269,9 @@ async fn off(
         }
         None => true,
     };
-    let supply = match supply4q.as_mut() {
-        Some(supply) => {
-            fresh(supply).await;
-            supply.safe().await
-        }
-        None => Ok(()),
-    };
+    let supply = end(supply4q, clock).await;
     let generator = match generator.as_mut() {
-        Some(generator) if supply.is_ok() || !quiet => {
+        Some(generator) if supply.0.is_ok() || !quiet => {
             fresh(generator).await;
             generator.safe().await
         }

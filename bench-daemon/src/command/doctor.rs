@@ -304,20 +304,13 @@ impl Visit<'_> {
             () = stop.requested() => Err(Failure::Interrupted(self.folder.display().to_string())),
             lost = custody.lost() => Err(lost.into()),
         };
-        let safe = examination.bench.safe_state().await;
+        let safe = examination.bench.made_safe().await;
         let Examination { bench, mut findings, .. } = examination;
         drop(bench);
-        let outcome = match safe {
-            Ok(()) => {
-                findings.add("safe.end", ("every output off and read back, no current", "it is so"), Verdict::Ok, "");
-                examined
-            }
-            Err(failures) => Err(Failure::Unsafe {
-                failures: failures.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
-                cause: examined.err().map_or_else(String::new, |failure| format!(" (after: {failure})")),
-            }),
-        };
-        custody.end(outcome).await.map(|()| findings)
+        if safe.is_ok() {
+            findings.add("safe.end", ("every output off and read back, no current", "it is so"), Verdict::Ok, "");
+        }
+        custody.end(Failure::unsafe_first(safe, examined)).await.map(|()| findings)
     }
 
     async fn examine(&self, examination: &mut Examination<'_>) -> Result<(), Failure> {
@@ -330,10 +323,7 @@ impl Visit<'_> {
 
     /// Safe state first: nobody reaches into a jig that is live.
     async fn mount(&self, examination: &mut Examination<'_>, fixture: Fixture) -> Result<(), Failure> {
-        if let Err(failures) = examination.bench.safe_state().await {
-            let failures = failures.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
-            return Err(Failure::Unsafe { failures, cause: String::new() });
-        }
+        examination.bench.made_safe().await?;
         let error = examination.bench.error("jig");
         if let Some(jig) = examination.bench.jig.as_mut() {
             return Ok(jig.mount(fixture).await.map_err(error)?);

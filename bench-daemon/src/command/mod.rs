@@ -40,8 +40,16 @@ pub mod wish;
 use std::path::Path;
 
 use crate::{
-    bench::BenchError, config::ConfigError, executor::ExecuteError, guardian::GuardianError, plan::PlanError, present::quoted,
-    record::RecordError, sim::SimError, state::StateError, sums::SumsError,
+    bench::{BenchError, Unsafe},
+    config::ConfigError,
+    executor::ExecuteError,
+    guardian::GuardianError,
+    plan::PlanError,
+    present::quoted,
+    record::RecordError,
+    sim::SimError,
+    state::StateError,
+    sums::SumsError,
 };
 
 /// A path as a person pastes it into a shell: no way that goes up and down again, and short where it lies below the folder of this process.
@@ -102,9 +110,9 @@ pub enum Failure {
     #[error("a mistake of the program ended the run, please report it: {0}")]
     Panic(String),
     /// The outputs may be on.
-    #[error("SAFE STATE COULD NOT BE VERIFIED, LOOK AT THE BENCH: {failures}{cause}")]
+    #[error("LOOK AT THE BENCH: {failures}{cause}")]
     Unsafe {
-        /// What could not be switched off or read back.
+        /// What still flows or is not known, and what to unplug.
         failures: String,
         /// What went wrong before.
         cause: String,
@@ -132,13 +140,39 @@ pub enum Failure {
     System(#[from] std::io::Error),
 }
 
+impl From<Unsafe> for Failure {
+    fn from(unproven: Unsafe) -> Self {
+        Self::Unsafe { failures: unproven.to_string(), cause: String::new() }
+    }
+}
+
 impl Failure {
+    /// What could not be switched off outweighs everything else; what ended the run before stands behind it.
+    ///
+    /// # Errors
+    /// [`Failure::Unsafe`], or that of the outcome.
+    pub fn unsafe_first<T>(safe: Result<(), Unsafe>, outcome: Result<T, Self>) -> Result<T, Self> {
+        let Err(unproven) = safe else { return outcome };
+        let after = match outcome.err() {
+            None => String::new(),
+            // The same words would stand there twice.
+            Some(Self::Unsafe { .. } | Self::Bench(BenchError::Unsafe(_)) | Self::Execute(ExecuteError::Bench(BenchError::Unsafe(_)))) => {
+                String::new()
+            }
+            // That of a request says that the bench is off: it is not.
+            Some(Self::Interrupted(_)) => " (after a request to stop)".to_owned(),
+            Some(failure) => format!(" (after: {failure})"),
+        };
+        Err(Self::Unsafe { failures: unproven.to_string(), cause: after })
+    }
+
     /// The exit code; `eis-bench --help` lists them.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Usage(_) | Self::Config(_) | Self::Plan(_) => 2,
             Self::Sim(SimError::Config(_) | SimError::Real { .. } | SimError::Model { .. }) => 2,
             Self::Record(RecordError::NotEmpty { .. }) => 2,
+            Self::Bench(BenchError::Unsafe(_)) => 6,
             Self::Bench(_) | Self::Unidentified { .. } | Self::Sim(SimError::Port { .. }) => 3,
             Self::Execute(ExecuteError::Trip(_) | ExecuteError::CellLeftIn { .. }) => 5,
             Self::Execute(ExecuteError::Record(_))

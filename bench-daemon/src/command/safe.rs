@@ -10,7 +10,7 @@ use nix::{
 };
 
 use crate::{
-    bench::{Bench, BenchError, Connections},
+    bench::{Bench, Connections, SafeReport},
     command::Failure,
     config::{self, load_any_bench},
     state::{Holder, Latched, State},
@@ -25,6 +25,9 @@ pub struct SafeArgs {
     /// First end the process that runs the bench (SIGKILL): most instruments take one client only, and that is it.
     #[arg(long)]
     pub kill: bool,
+    /// Print the report as JSON, one line for each time that the bench is switched off.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Brings a bench into safe state and prints what was read back. A process that runs the bench is asked to end first, so that nobody switches on again
@@ -35,7 +38,13 @@ pub struct SafeArgs {
 pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
     let bench = load_any_bench(&args.config)?;
     if bench.in_process() {
-        say!("{} is simulated in the process that runs it: there is nothing to switch off", bench.name);
+        let message = format!("{} is simulated in the process that runs it: there is nothing to switch off", bench.name);
+        if args.json {
+            let report = SafeReport { bench: bench.name.clone(), verified: true, message, outputs: Vec::new() };
+            say!("{}", serde_json::to_string(&report).unwrap_or_default());
+        } else {
+            say!("{message}");
+        }
         return Ok(());
     }
     // A state folder that cannot be written must not keep anybody from switching off.
@@ -53,7 +62,7 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         let clock = Clock::start(bench.time());
         // Who ends on request switches off by itself, and lets go of instruments that take one client.
         let gone = ended(state, &clock, ENDS_S.0).await;
-        switch_off(&bench, &clock, state).await.inspect_err(|_| {
+        switch_off((&bench, &clock), state, args.json).await.inspect_err(|_| {
             if !gone {
                 remark!("eis-bench: instruments that take one client answer only after the process that runs the bench has ended: --kill ends it");
             }
@@ -62,8 +71,8 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
             return Ok(());
         }
         if ended(state, &clock, ENDS_S.1).await {
-            say!("the process that ran the bench has ended by now; once more:");
-            return switch_off(&bench, &clock, state).await;
+            remark!("the process that ran the bench has ended by now; once more:");
+            return switch_off((&bench, &clock), state, args.json).await;
         }
         let failures = match runner(state) {
             Runner::Unknown(why) => format!("everything was off, but {UNKNOWN}, and it may switch on again: {why}"),
@@ -128,40 +137,20 @@ fn end(holder: &Holder, how: Signal) {
     }
 }
 
-async fn switch_off(config: &config::Bench, clock: &Clock, state: Option<&State>) -> Result<(), Failure> {
+/// Switches off and prints what was read back, a line for each instrument, or the report as it is.
+async fn switch_off((config, clock): (&config::Bench, &Clock), state: Option<&State>, json: bool) -> Result<(), Failure> {
     let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps: BTreeMap::new() };
     let mut bench = Bench::unconnected(config, &connections)?;
-    let failures = bench.safe_state().await.err().unwrap_or_default();
-    for (role, read) in bench.read_back().await {
-        let off = !failures.iter().any(|failure| is_of(failure, role));
-        let model = bench.model(role);
-        match (read, off) {
-            (Ok((volts, amps)), true) => say!("{role:<10} {model:<20} off, read back; {volts:.4} V, {amps:.4} A"),
-            (Ok((volts, amps)), false) => say!("{role:<10} {model:<20} NOT VERIFIED; {volts:.4} V, {amps:.4} A"),
-            (Err(error), _) => say!("{role:<10} {model:<20} NOT VERIFIED; {error}"),
-        }
+    let report = bench.safe_state().await;
+    if json {
+        say!("{}", serde_json::to_string(&report).unwrap_or_default());
+    } else {
+        report.outputs.iter().for_each(|output| say!("{}", output.line()));
     }
-    if bench.generator.is_some() {
-        let off = !failures.iter().any(|failure| is_of(failure, "generator"));
-        say!("{:<10} {:<20} {}", "generator", bench.model("generator"), if off { "off, read back" } else { "NOT VERIFIED" });
-    }
-    if failures.is_empty() {
-        return Ok(());
-    }
-    let failures = failures.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
-    let failure = Failure::Unsafe { failures, cause: String::new() };
+    let Err(unproven) = report.proven() else { return Ok(()) };
+    let failure = Failure::from(unproven);
     if let Some(Err(error)) = state.map(|state| state.latch(&Latched::new("safe", &failure.to_string()))) {
         remark!("eis-bench: {error}");
     }
     Err(failure)
-}
-
-fn is_of(failure: &BenchError, of: &str) -> bool {
-    match failure {
-        BenchError::Link { role, .. }
-        | BenchError::Identity { role, .. }
-        | BenchError::Flowing { role, .. }
-        | BenchError::Missing { role }
-        | BenchError::Dialect { role, .. } => *role == of,
-    }
 }

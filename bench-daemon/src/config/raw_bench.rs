@@ -149,4 +149,6 @@ pub(super) struct Faults {
     pub(super) per_message: f64,
     pub(super) most: usize,
     pub(super) kinds: Option<Vec<Fault>>,
+    pub(super) role: Option<String>,
+    pub(super) from: Option<Quantity<Duration>>,
 }

@@ -15,7 +15,11 @@ pub(super) fn faults(source: &Source, raw: &raw_bench::Faults) -> Result<Schedul
         return Err(source.complain("simulation.faults.per_message", reason));
     }
     let faults = raw.kinds.clone().unwrap_or_else(|| Fault::ALL.to_vec());
-    Ok(Schedule { seed: raw.seed, per_message: raw.per_message, most: raw.most, faults })
+    if let Some(role) = raw.role.as_ref().filter(|role| !mock::MODELS.iter().any(|model| model.role == role.as_str())) {
+        return Err(source.complain("simulation.faults.role", format!("expected the role of an instrument, found {role:?}")));
+    }
+    let from_s = raw.from.map_or(0.0, |from| from.si);
+    Ok(Schedule { seed: raw.seed, per_message: raw.per_message, most: raw.most, faults, role: raw.role.clone(), from_s })
 }
 
 /// What the mocks are told, by role; each is checked against what its model has.

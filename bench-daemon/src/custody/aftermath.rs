@@ -41,15 +41,16 @@ pub(super) async fn settle(bench: &config::Bench, state: &State, clock: &Clock) 
         return Ok(state.settle(&open)?);
     }
     let switched = bench.safe_state().await;
-    let outcome = match &switched {
-        Ok(()) => "now every output is off and read back".to_owned(),
-        Err(failures) => format!("NOT SWITCHED OFF: {}", failures.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
+    let outcome = if switched.verified {
+        "now every output is off and read back".to_owned()
+    } else {
+        format!("NOT SWITCHED OFF: {}", switched.message)
     };
     let cause = format!("{text}; {outcome}: a current that nobody watched may have flowed");
     remark!("eis-bench: {cause}");
     let step = flowing.unwrap_or_default();
     state.latch_with(&Latched::new("daemon", &cause).during(&open.holder.run, &step), &open)?;
-    if switched.is_err() {
+    if !switched.verified {
         return Err(Failure::Unsafe { failures: cause, cause: String::new() });
     }
     state.settle(&open)?;

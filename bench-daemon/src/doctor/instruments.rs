@@ -41,14 +41,10 @@ pub fn reached(findings: &mut Findings, role: &str, said: Result<&Said, String>,
 impl Examination<'_> {
     /// Everything off, then limits and thermometers.
     pub(super) async fn off(&mut self) -> Result<(), BenchError> {
-        let failures = self.bench.safe_state().await.err().unwrap_or_default();
-        let met = if failures.is_empty() {
-            "every output off and read back, no current".to_owned()
-        } else {
-            failures.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
-        };
+        let safe = self.bench.safe_state().await;
+        let met = if safe.verified { "every output off and read back, no current".to_owned() } else { safe.message };
         let advice = "LOOK AT THE BENCH: switch off by hand what this names";
-        if !self.findings.judge("safe.begin", ("every output off and read back, no current", met), failures.is_empty(), advice) {
+        if !self.findings.judge("safe.begin", ("every output off and read back, no current", met), safe.verified, advice) {
             self.findings.stop();
             return Ok(());
         }

@@ -134,10 +134,10 @@ pub async fn hold((config, sha256): (&config::Bench, String), clock: &Clock, fol
         let _ = raise(Signal::SIGSTOP);
     }
     // Here it comes only when it could not switch on, or somebody has woken it up.
-    let safe = bench.safe_state().await;
+    let safe = bench.made_safe().await;
     drop(bench);
     let outcome = on.map_err(Failure::from);
-    custody.end(safe.map_err(|failures| Failure::Unsafe { failures: failures[0].to_string(), cause: String::new() }).and(outcome)).await
+    custody.end(safe.map_err(Failure::from).and(outcome)).await
 }
 
 async fn output_on(config: &config::Bench, bench: &mut Bench) -> Result<(), BenchError> {

@@ -262,7 +262,8 @@ impl Examination<'_> {
         self.up(LIMITS.1).await?;
         self.command(AGAINST.0).await?;
         let flowed = self.see().await?.amps;
-        let mut wrong: Vec<String> = self.bench.safe_state().await.err().unwrap_or_default().iter().map(ToString::to_string).collect();
+        let safe = self.bench.safe_state().await;
+        let mut wrong: Vec<String> = if safe.verified { Vec::new() } else { vec![safe.message] };
         macro_rules! look {
             ($role:literal, $field:ident) => {
                 let error = self.bench.error($role);

@@ -2,7 +2,7 @@
 
 use instruments::{clock::TimeMode, mock::plant::Fixture};
 
-use super::{ExecuteError, Executor, first};
+use super::{ExecuteError, Executor};
 use crate::{
     journal::Entry,
     plan::{Purpose, Stage, Step},
@@ -36,7 +36,7 @@ impl Executor<'_> {
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         // What is begun again afterwards is written down again.
         (self.announced, self.ahead) = (None, None);
-        self.bench.safe_state().await.map_err(first)?;
+        self.bench.made_safe().await.map_err(crate::bench::BenchError::from)?;
         self.recorder.journal(Entry::Safe)?;
         self.recorder.journal(Entry::Paused)?;
         self.recorder.event("paused on request: every output is off")?;

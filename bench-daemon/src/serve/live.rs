@@ -3,7 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::{interlock::Limits, state::Latched};
+use crate::{bench::Output, interlock::Limits, state::Latched};
 
 /// A bench as it is now.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
@@ -230,8 +230,17 @@ pub struct OutputRead {
     pub role: String,
     /// It is off, by its own word.
     pub off: bool,
+    /// Current that it measures, A; none without a meter or an answer.
+    pub amps: Option<f64>,
     /// The line in full.
     pub text: String,
+}
+
+impl From<&Output> for OutputRead {
+    fn from(output: &Output) -> Self {
+        let text = output.line().split_whitespace().collect::<Vec<_>>().join(" ");
+        Self { role: output.role.clone(), off: output.verified(), amps: output.amps, text }
+    }
 }
 
 /// The limits of a cell, or of a control in its place, with the margin that a reading leaves.

@@ -15,6 +15,7 @@ use super::{
     locks,
 };
 use crate::{
+    bench::SafeReport,
     config,
     journal::JOURNAL,
     state::{Holder, State},
@@ -149,7 +150,7 @@ fn in_work(server: &Server, bench: &config::Bench) -> Option<(i32, PathBuf)> {
 /// Switches off and reads back, over connections of its own.
 async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: &mut StopReport) {
     let mut command = tokio::process::Command::new(&server.program);
-    command.arg("safe").arg(&bench.path).stdin(Stdio::null()).kill_on_drop(true).env_remove("NOTIFY_SOCKET");
+    command.args(["safe", "--json"]).arg(&bench.path).stdin(Stdio::null()).kill_on_drop(true).env_remove("NOTIFY_SOCKET");
     if !gone {
         command.arg("--kill");
     }
@@ -164,12 +165,11 @@ async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: 
         let ended = "nothing of this bench is outside the run's process, and none runs: no output was read back";
         return tell(server, report, if report.simulated { ended } else { "the run's process has not ended" }.to_owned());
     }
-    for line in said.lines() {
-        let role = line.split_whitespace().next().unwrap_or_default().to_owned();
-        let off = line.contains(" off, read back") && !line.contains("NOT VERIFIED");
-        report.outputs.push(OutputRead { role, off, text: line.split_whitespace().collect::<Vec<_>>().join(" ") });
-    }
-    report.verified = output.status.success() && !report.outputs.is_empty() && report.outputs.iter().all(|output| output.off);
+    // The last report counts: where the run ended late there are two.
+    let told = said.lines().rev().find_map(|line| serde_json::from_str::<SafeReport>(line).ok());
+    let words = told.as_ref().filter(|told| !told.verified).map(|told| format!("LOOK AT THE BENCH: {}", told.message));
+    report.outputs = told.as_ref().map_or_else(Vec::new, |told| told.outputs.iter().map(OutputRead::from).collect());
+    report.verified = output.status.success() && told.is_some_and(|told| told.verified && !told.outputs.is_empty());
     let last = String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or_default().to_owned();
-    tell(server, report, if report.verified { "every output is off and was read back".to_owned() } else { last });
+    tell(server, report, if report.verified { "every output is off and was read back".to_owned() } else { words.unwrap_or(last) });
 }

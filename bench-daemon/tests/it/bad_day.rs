@@ -26,7 +26,7 @@ struct Day {
 
 fn day(experiment: &Experiment, folder: &Path, seed: u64) -> Day {
     let mut experiment = experiment.clone();
-    let schedule = Schedule { seed, per_message: 2e-3, most: 3, faults: Fault::ALL.to_vec() };
+    let schedule = Schedule { seed, per_message: 2e-3, most: 3, faults: Fault::ALL.to_vec(), ..Schedule::default() };
     if let Some(simulation) = &mut experiment.bench.simulation {
         simulation.faults = Some(schedule);
     }
@@ -46,7 +46,7 @@ fn day(experiment: &Experiment, folder: &Path, seed: u64) -> Day {
             }
             ("finished", String::new())
         }
-        Err(failure) if failure.to_string().starts_with("SAFE STATE COULD NOT BE VERIFIED") => ("unsafe", failure.to_string()),
+        Err(failure) if failure.to_string().starts_with("LOOK AT THE BENCH: ") => ("unsafe", failure.to_string()),
         Err(failure) => ("stopped", failure.to_string()),
     };
     if ended == "stopped" && text.len() < 20 {

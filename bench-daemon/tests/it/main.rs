@@ -25,6 +25,7 @@ mod identify;
 mod investigate;
 mod kill;
 mod kk;
+mod lies;
 mod mock_process;
 mod multisine;
 mod ocv_joint;

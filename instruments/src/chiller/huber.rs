@@ -1,9 +1,9 @@
 //! Huber Pilot ONE, Unistat: the PB commands. `{M` and two hexadecimal digits of a register, then four of a value or `****` to read; every command is
 //! answered by `{S`, the register and its value after limiting. Values are hundredths of a degree in two's complement. What is malformed is not answered.
 
-use super::{Dialect, Status};
+use super::{Dialect, HARMLESS_C, Status};
 use crate::{
-    exchange::{Exchange, Expect, Identity},
+    exchange::{Exchange, Expect, Identity, Way},
     instrument::{Model, ms},
     link::{Grammar, LinkProfile},
     scpi::decode::Terminator,
@@ -80,6 +80,10 @@ impl Dialect for Huber {
                 reason: format!("expected a set-point within -151 °C to 320 °C, found {celsius} °C"),
             }],
         }
+    }
+
+    fn zero(&self) -> Vec<Way> {
+        vec![Way { name: "a set-point of 20 °C", script: self.run(Some(HARMLESS_C)) }]
     }
 
     fn queries(&self) -> [&'static str; 2] {

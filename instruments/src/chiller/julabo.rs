@@ -1,8 +1,8 @@
 //! Julabo CF/F/FL/MS: `IN_`/`OUT_` commands ended by CR, answers by CR LF; writes are never answered, and ignored in manual mode.
 
-use super::{Dialect, Status};
+use super::{Dialect, HARMLESS_C, Status};
 use crate::{
-    exchange::{Exchange, Identity},
+    exchange::{Exchange, Identity, Way},
     instrument::{Model, ms},
     link::{Grammar, LinkProfile},
     scpi::decode::Terminator,
@@ -57,6 +57,10 @@ impl Dialect for Julabo {
             ],
             None => vec![Exchange::word("OUT_MODE_05 0", "IN_MODE_05", &["0"])],
         }
+    }
+
+    fn zero(&self) -> Vec<Way> {
+        vec![Way { name: "a set-point of 20 °C", script: self.run(Some(HARMLESS_C)) }]
     }
 
     fn queries(&self) -> [&'static str; 2] {

@@ -5,7 +5,7 @@ mod julabo;
 mod relay_board;
 
 use crate::{
-    exchange::{Exchange, leading_number, play},
+    exchange::{Exchange, Way, leading_number, play},
     instrument::{Instrument, Model},
     link::LinkError,
     units::Celsius,
@@ -34,6 +34,8 @@ pub trait Dialect: Model {
     fn pulse(&self, _seconds: f64) -> Option<Vec<Exchange>> {
         None
     }
+    /// Ways to harm nothing while it does not stop.
+    fn zero(&self) -> Vec<Way>;
     /// Queries for bath temperature and status.
     fn queries(&self) -> [&'static str; 2];
     /// Reads an answer to the first of them, °C; nothing where it is no temperature.
@@ -43,6 +45,9 @@ pub trait Dialect: Model {
     /// Reads a status answer.
     fn status(&self, answer: &str) -> Status;
 }
+
+/// A bath that does not stop is brought to where no cell comes to harm, °C: the room's.
+const HARMLESS_C: Celsius = Celsius(20.0);
 
 /// Every known model.
 pub const DIALECTS: &[&dyn Dialect] = &[&julabo::JULABO, &huber::HUBER, &relay_board::RELAY_BOARD];
@@ -92,6 +97,11 @@ impl Instrument<dyn Dialect> {
             Some(script) => play(&mut self.link, &script).await,
             None => Ok(()),
         }
+    }
+
+    /// Ways to harm nothing while it does not stop.
+    pub fn zero(&self) -> Vec<Way> {
+        self.dialect.zero()
     }
 
     /// Stops the chiller.

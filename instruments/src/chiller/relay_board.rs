@@ -6,7 +6,7 @@
 
 use super::{Dialect, Status};
 use crate::{
-    exchange::{Exchange, Expect, Identity},
+    exchange::{Exchange, Expect, Identity, Way},
     instrument::{Model, ms},
     link::{Grammar, LinkProfile},
     units::Celsius,
@@ -17,6 +17,8 @@ pub(super) const RELAY_BOARD: RelayBoard = RelayBoard;
 
 /// Longest pulse, s.
 const LONGEST_S: f64 = 60.0;
+/// Shortest pulse, s.
+const SHORTEST_S: f64 = 0.01;
 /// The register of a sensor that was just switched on: 85 °C.
 const POWER_ON: i16 = 0x0550;
 
@@ -67,6 +69,11 @@ impl Dialect for RelayBoard {
                 vec![Exchange::Refuse { message: word.to_owned(), reason }]
             }
         })
+    }
+
+    /// A new pulse takes the place of the one in work, and ends by itself.
+    fn zero(&self) -> Vec<Way> {
+        vec![Way { name: "its shortest pulse", script: self.pulse(SHORTEST_S).unwrap_or_default() }]
     }
 
     fn queries(&self) -> [&'static str; 2] {

@@ -4,7 +4,7 @@ mod rigol_dl3000;
 mod siglent_sdl;
 
 use crate::{
-    exchange::{Answer, Exchange, look, play, play_all},
+    exchange::{Answer, Bound, Exchange, Way, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Volts, Watts},
@@ -43,6 +43,10 @@ pub trait Dialect: Model {
     fn capabilities(&self) -> Capabilities;
     /// Switches the input.
     fn input(&self, on: bool) -> Vec<Exchange>;
+    /// Ways to sink nothing while the input does not open, the gentlest first.
+    fn zero(&self) -> Vec<Way>;
+    /// What bounds the current within the instrument.
+    fn bounds(&self) -> &'static [Bound];
     /// Constant current or power with its limits; assumes the input is off.
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange>;
     /// Another level of the function that was prepared, within its range; the input stays as it is.
@@ -104,6 +108,16 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         play_all(&mut self.link, &self.dialect.input(false)).await
+    }
+
+    /// Ways to sink nothing while the input does not open, the gentlest first.
+    pub fn zero(&self) -> Vec<Way> {
+        self.dialect.zero()
+    }
+
+    /// What bounds the current within the instrument, by its own word.
+    pub async fn bounds(&mut self) -> Vec<String> {
+        self.bounded_by(self.dialect.bounds()).await
     }
 
     /// Asks whether the input is off, and changes nothing.

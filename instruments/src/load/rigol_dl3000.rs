@@ -2,10 +2,10 @@
 
 use super::{Capabilities, Dialect, Discharge, Draw};
 use crate::{
-    exchange::{Exchange, Identity},
+    exchange::{Bound, Exchange, Identity, Way},
     instrument::{Model, ms},
     link::LinkProfile,
-    units::Amps,
+    units::{Amps, Watts},
 };
 
 /// Rigol DL3021(A); the DL3031(A) is used as far as the smaller one reaches.
@@ -13,6 +13,9 @@ pub(super) const DL3000: Dl3000 = Dl3000;
 
 /// So far above the level its own limit of the current is set, A.
 const ILIM_MARGIN_A: f64 = 1.0;
+
+/// Within the range of 15 V, and above every cell.
+const ABOVE_ANY_CELL_V: f64 = 14.0;
 
 pub(super) struct Dl3000;
 
@@ -42,6 +45,27 @@ impl Dialect for Dl3000 {
 
     fn input(&self, on: bool) -> Vec<Exchange> {
         vec![Exchange::switch(":SOUR:INP:STAT", on)]
+    }
+
+    fn zero(&self) -> Vec<Way> {
+        vec![
+            Way {
+                name: "its set-points at 0",
+                script: [self.level(Draw::Current(Amps(0.0))), self.level(Draw::Power(Watts(0.0)))].concat(),
+            },
+            // It sinks only what lies above this voltage: no cell does.
+            Way {
+                name: "constant voltage far above that of a cell",
+                script: vec![
+                    Exchange::fixed(":SOUR:VOLT:LEV:IMM", ABOVE_ANY_CELL_V, (3, 1.0e-2)),
+                    Exchange::word(":SOUR:FUNC VOLT", ":SOUR:FUNC?", &["CV"]),
+                ],
+            },
+        ]
+    }
+
+    fn bounds(&self) -> &'static [Bound] {
+        &[Bound { query: ":SOUR:CURR:ILIM?", words: "at constant current it sinks at most", unit: "A" }]
     }
 
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange> {

@@ -2,10 +2,10 @@
 
 use super::{Capabilities, Dialect, Discharge, Draw};
 use crate::{
-    exchange::{Exchange, Identity},
+    exchange::{Bound, Exchange, Identity, Way},
     instrument::{Model, ms},
     link::LinkProfile,
-    units::Amps,
+    units::{Amps, Watts},
 };
 
 /// Siglent SDL1020X/1030X.
@@ -15,6 +15,9 @@ pub(super) const SDL1000X: Sdl = Sdl;
 const MAX_CURRENT: Amps = Amps(30.0);
 /// The over-current protection lies above the current by this factor and this much, A.
 const PROTECTION: (f64, f64) = (1.1, 0.1);
+
+/// Within the range of 36 V, and above every cell.
+const ABOVE_ANY_CELL_V: f64 = 30.0;
 
 pub(super) struct Sdl;
 
@@ -39,6 +42,30 @@ impl Dialect for Sdl {
 
     fn input(&self, on: bool) -> Vec<Exchange> {
         if on { vec![Exchange::word(":INP ON", ":INP?", &["1", "ON"])] } else { vec![Exchange::word(":INP OFF", ":INP?", &["0", "OFF"])] }
+    }
+
+    fn zero(&self) -> Vec<Way> {
+        vec![
+            Way {
+                name: "its set-points at 0",
+                script: [self.level(Draw::Current(Amps(0.0))), self.level(Draw::Power(Watts(0.0)))].concat(),
+            },
+            // It sinks only what lies above this voltage: no cell does.
+            Way {
+                name: "constant voltage far above that of a cell",
+                script: vec![
+                    Exchange::fixed(":VOLT:LEV:IMM", ABOVE_ANY_CELL_V, (3, 1.0e-2)),
+                    Exchange::word(":FUNC VOLTage", ":FUNC?", &["VOLTAGE"]),
+                ],
+            },
+        ]
+    }
+
+    fn bounds(&self) -> &'static [Bound] {
+        &[
+            Bound { query: ":CURR:PROT:LEV?", words: "it trips above", unit: "A" },
+            Bound { query: ":VOLT:LEV:ON?", words: "it stops below", unit: "V" },
+        ]
     }
 
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange> {

@@ -1,12 +1,16 @@
 //! What goes wrong between an instrument and its client on a bad day, seeded: messages and answers that get lost, come late, in pieces, twice, garbled or
-//! half; connections that stall or break; an error queue that runs over, a power cut, an output that a protection or a hand at the panel switches off.
+//! half; connections that stall or break; an error queue that runs over, a power cut, an output that a protection or a hand at the panel switches off. And
+//! instruments that lie from some message on: an output that stays on, settings that somebody else changes, a meter that stands still, answers that lag.
 //!
 //! The faults lie around any device: it does not know of them, and neither does its client. Which one comes when follows from the seed and the number of
 //! the message alone, so that a schedule can be played again.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError},
+};
 
-use super::{Device, MakeError, MockOptions, make, model, plant::SharedPlant};
+use super::{Device, MakeError, MockOptions, Model, make, model, plant::SharedPlant};
 use crate::scpi::decode::Terminator;
 
 /// What can go wrong with one message.
@@ -41,10 +45,22 @@ pub enum Fault {
     PowerCycle,
     /// The output goes off by itself.
     OutputOff,
+    /// From now on no message switches the output off; all others are obeyed.
+    StuckOutput,
+    /// Another client changes a setting, once.
+    SecondClient,
+    /// From now on every question for a measurement gets the answer that it got first.
+    FrozenMeter,
+    /// From now on every answer is that to the question before.
+    Lagging,
+    /// From now on blocks lack their last third, and their heads say so.
+    ShortBlock,
+    /// From now on the zero error of the bipolar supply grows.
+    OffsetDrift,
 }
 
 impl Fault {
-    /// All of them.
+    /// Those of the wire and of the day.
     pub const ALL: [Self; 14] = [
         Self::LoseMessage,
         Self::LoseReply,
@@ -61,6 +77,10 @@ impl Fault {
         Self::PowerCycle,
         Self::OutputOff,
     ];
+
+    /// Those of an instrument that lies.
+    pub const LIES: [Self; 6] =
+        [Self::StuckOutput, Self::SecondClient, Self::FrozenMeter, Self::Lagging, Self::ShortBlock, Self::OffsetDrift];
 }
 
 /// How much goes wrong.
@@ -74,6 +94,16 @@ pub struct Schedule {
     pub most: usize,
     /// What may happen.
     pub faults: Vec<Fault>,
+    /// Only to the instrument of this role; to all without it.
+    pub role: Option<String>,
+    /// Not before this bench time, s.
+    pub from_s: f64,
+}
+
+impl Default for Schedule {
+    fn default() -> Self {
+        Self { seed: 0, per_message: 0.0, most: 0, faults: Vec::new(), role: None, from_s: 0.0 }
+    }
 }
 
 /// A fault that happened.
@@ -106,13 +136,27 @@ struct Troubled {
     device: Box<dyn Device>,
     plant: SharedPlant,
     options: MockOptions,
-    model: &'static str,
-    panel_off: Option<&'static str>,
+    known: &'static Model,
     schedule: Schedule,
+    lies: Lies,
     random: u64,
     happened: usize,
     log: FaultLog,
 }
+
+/// How the instrument lies from now on.
+#[derive(Default)]
+struct Lies {
+    stuck: bool,
+    short: bool,
+    /// The first answer to each question for a measurement.
+    frozen: Option<BTreeMap<Vec<u8>, Vec<u8>>>,
+    /// The answer that comes next.
+    lagging: Option<Vec<u8>>,
+}
+
+/// The zero error of the bipolar supply grows by this much, A/s, up to this, A.
+const DRIFT: (f64, f64) = (0.02, 0.9);
 
 /// Makes a simulated instrument on which things go wrong as scheduled.
 ///
@@ -125,15 +169,19 @@ pub fn make_troubled(
     log: &FaultLog,
 ) -> Result<Box<dyn Device>, MakeError> {
     let (device, known) = (make(key, plant.clone(), options)?, model(key)?);
+    let schedule = match &schedule.role {
+        Some(role) if role != known.role => Schedule { most: 0, ..schedule.clone() },
+        _ => schedule.clone(),
+    };
     // Each model's own sequence.
     let random = key.bytes().fold(schedule.seed ^ 0x9e37_79b9_7f4a_7c15, |state, byte| mix(state ^ u64::from(byte)));
     Ok(Box::new(Troubled {
         device,
         plant,
         options: options.clone(),
-        model: known.key,
-        panel_off: known.panel_off,
-        schedule: schedule.clone(),
+        known,
+        schedule,
+        lies: Lies::default(),
         random,
         happened: 0,
         log: log.clone(),
@@ -163,12 +211,53 @@ impl Troubled {
         }
     }
 
+    /// Whether the fault means anything to this instrument.
+    fn can(&self, fault: Fault) -> bool {
+        match fault {
+            Fault::StuckOutput => self.known.panel_off.is_some() && self.known.role != "chiller",
+            Fault::SecondClient => !self.known.meddling.is_empty(),
+            Fault::ShortBlock => self.known.role == "scope",
+            Fault::OffsetDrift => self.known.role == "supply4q",
+            Fault::FrozenMeter => !matches!(self.known.role, "generator" | "scope" | "jig"),
+            _ => true,
+        }
+    }
+
     fn power_cycle(&mut self, now_s: f64) {
         let options = MockOptions { since_s: now_s, ..self.options.clone() };
-        if let Ok(device) = make(self.model, self.plant.clone(), &options) {
+        if let Ok(device) = make(self.known.key, self.plant.clone(), &options) {
             self.device = device;
         }
     }
+}
+
+/// A message that switches an output off, in any of the dialects.
+fn switches_off(message: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(message).to_ascii_uppercase();
+    let output = ["OUTP", "INP", "MOFF"].iter().any(|word| text.contains(word));
+    let other = ["MODE", "PROT", "OVP", "OCP", "TRACK", "LOAD", "?"].iter().any(|word| text.contains(word));
+    output && !other && (text.contains("OFF") || text.ends_with('0'))
+}
+
+/// A question for a measurement, in any of the dialects.
+fn measures(message: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(message).to_ascii_uppercase();
+    ["MEAS", "MRV", "MRI", "READ?", "FETC", "IN_PV", "{M01", "TEMP"].iter().any(|word| text.contains(word))
+}
+
+/// A definite block without its last third, as one that is whole.
+fn short(reply: Vec<u8>) -> Vec<u8> {
+    let Some(at) = reply.iter().position(|byte| *byte == b'#') else { return reply };
+    let digits = reply.get(at + 1).filter(|digit| digit.is_ascii_digit()).map_or(0, |digit| usize::from(digit - b'0'));
+    let length = reply.get(at + 2..at + 2 + digits).and_then(|text| std::str::from_utf8(text).ok()?.parse::<usize>().ok());
+    let Some((length, start)) = length.map(|length| (length, at + 2 + digits)).filter(|(length, start)| reply.len() >= start + length)
+    else {
+        return reply;
+    };
+    // Whole words of two bytes.
+    let kept = 2 * (length / 3);
+    let head = format!("#{digits}{kept:0digits$}");
+    [&reply[..at], head.as_bytes(), &reply[start..start + kept], &reply[start + length..]].concat()
 }
 
 impl Device for Troubled {
@@ -177,7 +266,21 @@ impl Device for Troubled {
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        self.device.handle(now_s, message)
+        if self.lies.stuck && switches_off(message) {
+            // It says that it has done so where it answers every command.
+            return if message.starts_with(b"MOFF") { b"#AK\r\n".to_vec() } else { Vec::new() };
+        }
+        let mut reply = self.device.handle(now_s, message);
+        if let Some(frozen) = self.lies.frozen.as_mut().filter(|_| measures(message)) {
+            reply = frozen.entry(message.to_vec()).or_insert(reply).clone();
+        }
+        if self.lies.short {
+            reply = short(reply);
+        }
+        match &mut self.lies.lagging {
+            Some(late) if !reply.is_empty() => std::mem::replace(late, reply),
+            _ => reply,
+        }
     }
 
     fn connected(&mut self, now_s: f64) {
@@ -198,19 +301,25 @@ impl Device for Troubled {
 
     fn trouble(&mut self, now_s: f64, message: &[u8]) -> Option<Trouble> {
         let (chance, which, share) = (self.uniform(), self.uniform(), self.uniform());
-        if self.happened >= self.schedule.most || chance >= self.schedule.per_message || self.schedule.faults.is_empty() {
+        let may = now_s >= self.schedule.from_s && self.happened < self.schedule.most && chance < self.schedule.per_message;
+        if !may || self.schedule.faults.is_empty() {
             return None;
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "an index")]
         let index = (which * self.schedule.faults.len() as f64) as usize;
-        let fault = *self.schedule.faults.get(index)?;
+        let fault = *self.schedule.faults.get(index).filter(|fault| self.can(**fault))?;
         self.happened += 1;
-        let message = String::from_utf8_lossy(message).into_owned();
-        self.log.lock().unwrap_or_else(PoisonError::into_inner).push(Happened { time_s: now_s, model: self.model, fault, message });
+        let text = String::from_utf8_lossy(message).into_owned();
+        self.log.lock().unwrap_or_else(PoisonError::into_inner).push(Happened {
+            time_s: now_s,
+            model: self.known.key,
+            fault,
+            message: text,
+        });
         match fault {
             Fault::Overflow => self.overflow(now_s),
             Fault::OutputOff => {
-                if let Some(off) = self.panel_off {
+                if let Some(off) = self.known.panel_off {
                     self.device.handle(now_s, off.as_bytes());
                 }
             }
@@ -218,8 +327,43 @@ impl Device for Troubled {
                 self.power_cycle(now_s);
                 return Some(Trouble { fault, share });
             }
+            Fault::StuckOutput => self.lies.stuck = true,
+            Fault::ShortBlock => self.lies.short = true,
+            Fault::FrozenMeter => self.lies.frozen = Some(BTreeMap::new()),
+            // The answer to the message in hand is the last right one.
+            Fault::Lagging => self.lies.lagging = Some(self.device.handle(now_s, message)),
+            Fault::OffsetDrift => self.plant.lock().unwrap_or_else(PoisonError::into_inner).drift(now_s, DRIFT),
+            Fault::SecondClient => {
+                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "an index")]
+                let which = (share * self.known.meddling.len() as f64) as usize;
+                for meddled in self.known.meddling.get(which).copied().unwrap_or_default() {
+                    self.device.handle(now_s, meddled.as_bytes());
+                }
+            }
             _ => return Some(Trouble { fault, share }),
         }
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_messages_that_switch_off_are_known_in_every_dialect() {
+        for known in super::super::MODELS.iter().filter(|known| !matches!(known.role, "chiller")) {
+            assert!(known.panel_off.is_none_or(|off| switches_off(off.as_bytes())), "{}", known.key);
+        }
+        for other in ["OUTP ON", "OUTP?", "OUTP:MODE BATTERY", ":OUTP:OCP CH1,OFF", "C1:OUTP LOAD,HZ", "CURR 0", ":CURR:PROT:STAT OFF"] {
+            assert!(!switches_off(other.as_bytes()), "{other}");
+        }
+    }
+
+    #[test]
+    fn a_short_block_is_whole_by_its_own_head() {
+        assert_eq!(short(b"C1:WF ALL,#209abcdefghi\n\n".to_vec()), b"C1:WF ALL,#206abcdef\n\n");
+        assert_eq!(short(b"1.5\n".to_vec()), b"1.5\n");
+        assert_eq!(short(b"#9".to_vec()), b"#9");
     }
 }

@@ -52,6 +52,9 @@ pub trait Plant: Send {
         false
     }
 
+    /// From now on the zero error of the bipolar supply grows by so much, A/s, up to so much, A. A world without one ignores it.
+    fn drift(&mut self, _t_s: f64, (_rate, _greatest): (f64, f64)) {}
+
     /// How late every answer of every instrument is at `t_s`, s.
     fn late_s(&self, _t_s: f64) -> f64 {
         0.0

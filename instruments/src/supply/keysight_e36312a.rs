@@ -2,7 +2,7 @@
 
 use super::{Capabilities, Charge, Dialect};
 use crate::{
-    exchange::{Exchange, Identity},
+    exchange::{Bound, Exchange, Identity, Way},
     instrument::{Model, ms},
     link::LinkProfile,
     units::{Amps, Volts},
@@ -55,6 +55,20 @@ impl Dialect for Keysight {
 
     fn output(&self, on: bool) -> Vec<Exchange> {
         vec![if on { word("OUTP", "ON", &["1", "ON"]) } else { word("OUTP", "OFF", &["0", "OFF"]) }]
+    }
+
+    fn zero(&self) -> Vec<Way> {
+        vec![
+            Way { name: "its current at 0", script: self.level(Amps(0.0)) },
+            Way { name: "its voltage at 0", script: vec![number("VOLT", 0.0)] },
+        ]
+    }
+
+    fn bounds(&self) -> &'static [Bound] {
+        &[
+            Bound { query: "CURR? (@1)", words: "it is limited to", unit: "A" },
+            Bound { query: "VOLT? (@1)", words: "it is limited to", unit: "V" },
+        ]
     }
 
     fn prepare(&self, charge: &Charge) -> Vec<Exchange> {

@@ -5,7 +5,7 @@ mod rigol_dp832;
 mod siglent_spd;
 
 use crate::{
-    exchange::{Answer, Exchange, forget_errors, look, play, play_all},
+    exchange::{Answer, Bound, Exchange, Way, forget_errors, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Volts},
@@ -35,6 +35,11 @@ pub trait Dialect: Model {
     fn capabilities(&self) -> Capabilities;
     /// Switches the output.
     fn output(&self, on: bool) -> Vec<Exchange>;
+    /// Ways to deliver nothing while the output does not go off, the gentlest first: the current, then the voltage, for below the cell's own voltage no charger
+    /// charges, but one that can sink would discharge, within its limit of the current.
+    fn zero(&self) -> Vec<Way>;
+    /// What bounds the current within the instrument.
+    fn bounds(&self) -> &'static [Bound];
     /// Voltage and current limit; assumes the output is off.
     fn prepare(&self, charge: &Charge) -> Vec<Exchange>;
     /// Another current limit; the output stays as it is.
@@ -87,6 +92,16 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         play_all(&mut self.link, &self.dialect.output(false)).await
+    }
+
+    /// Ways to deliver nothing while the output does not go off, the gentlest first.
+    pub fn zero(&self) -> Vec<Way> {
+        self.dialect.zero()
+    }
+
+    /// What bounds the current within the instrument, by its own word.
+    pub async fn bounds(&mut self) -> Vec<String> {
+        self.bounded_by(self.dialect.bounds()).await
     }
 
     /// Asks whether the output is off, and changes nothing.

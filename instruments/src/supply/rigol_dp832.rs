@@ -2,7 +2,7 @@
 
 use super::{Capabilities, Charge, Dialect};
 use crate::{
-    exchange::{Exchange, Identity},
+    exchange::{Bound, Exchange, Identity, Way},
     instrument::{Model, ms},
     link::LinkProfile,
     units::{Amps, Volts},
@@ -44,6 +44,20 @@ impl Dialect for Dp832 {
 
     fn output(&self, on: bool) -> Vec<Exchange> {
         vec![switch(":OUTP", on)]
+    }
+
+    fn zero(&self) -> Vec<Way> {
+        vec![
+            Way { name: "its current at 0", script: self.level(Amps(0.0)) },
+            Way { name: "its voltage at 0", script: vec![Exchange::fixed(":SOUR1:VOLT", 0.0, (3, READ_BACK))] },
+        ]
+    }
+
+    fn bounds(&self) -> &'static [Bound] {
+        &[
+            Bound { query: ":SOUR1:CURR?", words: "it is limited to", unit: "A" },
+            Bound { query: ":SOUR1:VOLT?", words: "it is limited to", unit: "V" },
+        ]
     }
 
     fn prepare(&self, charge: &Charge) -> Vec<Exchange> {

@@ -3,7 +3,7 @@
 
 use super::{Capabilities, Charge, Dialect};
 use crate::{
-    exchange::{Exchange, Expect, Identity},
+    exchange::{Bound, Exchange, Expect, Identity, Way},
     instrument::{Model, ms},
     link::LinkProfile,
     units::{Amps, Volts},
@@ -45,6 +45,20 @@ impl Dialect for Spd {
             read_back: "SYST:STAT?".to_owned(),
             expect: Expect::Bits { mask: CHANNEL_1_ON, bits },
         }]
+    }
+
+    fn zero(&self) -> Vec<Way> {
+        vec![
+            Way { name: "its current at 0", script: self.level(Amps(0.0)) },
+            Way { name: "its voltage at 0", script: vec![Exchange::fixed("CH1:VOLT", 0.0, (3, 2.0e-3))] },
+        ]
+    }
+
+    fn bounds(&self) -> &'static [Bound] {
+        &[
+            Bound { query: "CH1:CURR?", words: "it is limited to", unit: "A" },
+            Bound { query: "CH1:VOLT?", words: "it is limited to", unit: "V" },
+        ]
     }
 
     fn prepare(&self, charge: &Charge) -> Vec<Exchange> {

@@ -7,7 +7,7 @@
 
 use super::{AnalogSelect, Capabilities, Dialect, Holds, Limits};
 use crate::{
-    exchange::{Exchange, Expect, Identity},
+    exchange::{Exchange, Expect, Identity, Way},
     instrument::{Model, ms},
     link::{Grammar, LinkProfile},
     scpi::decode::Terminator,
@@ -78,6 +78,16 @@ impl Dialect for FastPs {
     fn output(&self, on: bool) -> Vec<Exchange> {
         let (message, words): (_, &[_]) = if on { ("MON", &["#AK", "#NAK:09"]) } else { ("MOFF", &["#AK", "#NAK:13"]) };
         vec![confirmed(message, words, ("MST", Expect::Bits { mask: ON, bits: u32::from(on) }))]
+    }
+
+    fn zero(&self) -> Vec<Way> {
+        let zero = Exchange::Ask {
+            message: "MWI:0".to_owned(),
+            // What is off has no set-point.
+            expect: Expect::Confirmed { words: &["#AK", "#NAK:13"], refusals: REFUSALS },
+            read_back: None,
+        };
+        vec![Way { name: "its own command, 0 A, in the place of the generator's", script: vec![normal(), zero] }]
     }
 
     /// There is no set-point to bring to zero: a module that is off has none.

@@ -5,7 +5,7 @@
 
 use super::{AnalogSelect, Capabilities, Dialect, Holds, Limits};
 use crate::{
-    exchange::{Exchange, Expect, Identity},
+    exchange::{Bound, Exchange, Expect, Identity, Way},
     instrument::{Model, ms},
     link::LinkProfile,
     units::{Amps, Hertz, Volts},
@@ -76,6 +76,25 @@ impl Dialect for Kepco {
             AnalogSelect::Command => vec![Exchange::word("OUTP:MODE BATTERY", "OUTP:MODE?", &["BATTERY", "BATT"]), off],
             // A linear one that is off holds zero of what its mode controls: zero amperes leave the cell alone, zero volts do not.
             AnalogSelect::Wiring => vec![Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"]), off],
+        }
+    }
+
+    fn zero(&self) -> Vec<Way> {
+        match self.analog_select {
+            AnalogSelect::Command => {
+                vec![Way {
+                    name: "its own command, 0 A, in the place of the generator's",
+                    script: [self.analog(false), vec![Exchange::fixed("CURR", 0.0, READ_BACK)]].concat(),
+                }]
+            }
+            AnalogSelect::Wiring => Vec::new(),
+        }
+    }
+
+    fn bounds(&self) -> &'static [Bound] {
+        match self.analog_select {
+            AnalogSelect::Command => &[Bound { query: "CURR:LIM?", words: "it is limited to", unit: "A" }],
+            AnalogSelect::Wiring => &[],
         }
     }
 

@@ -7,7 +7,7 @@ mod caenels;
 mod kepco;
 
 use crate::{
-    exchange::{Answer, Exchange, after_header, forget_errors, look, play, play_all},
+    exchange::{Answer, Bound, Exchange, Way, after_header, forget_errors, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Hertz, Volts},
@@ -75,6 +75,13 @@ pub trait Dialect: Model {
     /// Switches the output. Off is the first and the last thing, and must leave the cell unconnected, not shorted by an output that holds zero
     /// volts: where the instrument can do either, the script chooses first.
     fn output(&self, on: bool) -> Vec<Exchange>;
+    /// Ways to drive nothing while the output does not go off, the gentlest first. One that only its analog input commands has none of its own: the
+    /// generator's least sine is it.
+    fn zero(&self) -> Vec<Way>;
+    /// What bounds the current within the instrument.
+    fn bounds(&self) -> &'static [Bound] {
+        &[]
+    }
     /// Current mode, limits, zero set-point; assumes the output is off.
     fn prepare(&self, limits: &Limits) -> Vec<Exchange>;
     /// Hands the output to the analog input, or takes it back.
@@ -126,6 +133,16 @@ impl Instrument<dyn Dialect> {
         let off = play_all(&mut self.link, &self.dialect.output(false)).await;
         let digital = play_all(&mut self.link, &self.dialect.analog(false)).await;
         off.and(digital)
+    }
+
+    /// Ways to drive nothing while the output does not go off, the gentlest first.
+    pub fn zero(&self) -> Vec<Way> {
+        self.dialect.zero()
+    }
+
+    /// What bounds the current within the instrument, by its own word.
+    pub async fn bounds(&mut self) -> Vec<String> {
+        self.bounded_by(self.dialect.bounds()).await
     }
 
     /// Asks whether the output is off, and changes nothing.

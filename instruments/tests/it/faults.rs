@@ -57,7 +57,7 @@ fn no_question_gets_the_answer_to_another_one_whatever_goes_wrong_on_the_wire() 
         let (mut happened, mut answered, mut wrong) = (0, 0, Vec::new());
         for seed in 0..40 {
             in_virtual_time(async |clock| {
-                let schedule = Schedule { seed, per_message: 0.15, most: 12, faults: vec![fault] };
+                let schedule = Schedule { seed, per_message: 0.15, most: 12, faults: vec![fault], ..Schedule::default() };
                 let (mut link, log, _) = troubled(&clock, &schedule).await;
                 let (other, right) = converse(&mut link, 60).await;
                 wrong.extend(other);
@@ -78,7 +78,7 @@ fn a_schedule_is_the_same_each_time_and_another_seed_is_another_one() {
     let logs = [7, 7, 8].map(|seed| {
         let mut told = Vec::new();
         in_virtual_time(async |clock| {
-            let schedule = Schedule { seed, per_message: 0.2, most: 20, faults: Fault::ALL.to_vec() };
+            let schedule = Schedule { seed, per_message: 0.2, most: 20, faults: Fault::ALL.to_vec(), ..Schedule::default() };
             let (mut link, log, _) = troubled(&clock, &schedule).await;
             converse(&mut link, 80).await;
             told = log.lock().unwrap().iter().map(|happened| (happened.fault, happened.message.clone())).collect();
@@ -94,7 +94,7 @@ fn a_schedule_is_the_same_each_time_and_another_seed_is_another_one() {
 fn a_power_cut_and_a_hand_at_the_panel_switch_the_output_off() {
     for fault in [Fault::PowerCycle, Fault::OutputOff] {
         in_virtual_time(async |clock| {
-            let schedule = Schedule { seed: 1, per_message: 0.1, most: 1, faults: vec![fault] };
+            let schedule = Schedule { seed: 1, per_message: 0.1, most: 1, faults: vec![fault], ..Schedule::default() };
             let (mut link, log, plant) = troubled(&clock, &schedule).await;
             link.send("OUTP ON").await.unwrap();
             for _ in 0..100 {
@@ -122,7 +122,7 @@ const PACE: f64 = 50.0;
 /// One fault after the other on a real port; gives wrong answers, right answers and the number of faults.
 async fn on_a_port(kind: Kind, fault: Fault, clock: &Clock) -> (Vec<String>, usize, usize) {
     let (hub, log) = (MemoryHub::new(), FaultLog::default());
-    let schedule = Schedule { seed: 3, per_message: 0.2, most: 2, faults: vec![fault] };
+    let schedule = Schedule { seed: 3, per_message: 0.2, most: 2, faults: vec![fault], ..Schedule::default() };
     let plant = Arc::new(Mutex::new(Recorder::default()));
     let device = make_troubled(MODEL, (plant, &MockOptions::default()), &schedule, &log).unwrap();
     let address = serve(kind, device, clock, &hub).await;

@@ -10,7 +10,6 @@ use super::{
     Measured, Past,
     gathered::Gathered,
     multisine,
-    play::safe,
     sweeping::{self, Settled},
 };
 use crate::{
@@ -40,7 +39,7 @@ pub(super) async fn drive(
     (clock, operator, progress): (&Clock, &Operator, &Progress),
     before: Before<'_>,
 ) -> Result<Measured, Failure> {
-    safe(bench.safe_state().await, Ok(()))?;
+    bench.made_safe().await?;
     recorder.journal(Entry::Safe)?;
     let Before { inherited, past } = before;
     let gathered = Gathered::new(experiment, inherited.clone());

@@ -12,7 +12,7 @@ use super::{
     stop::{StopSignals, caught},
 };
 use crate::{
-    bench::{Bench, BenchError, Connections, Identified},
+    bench::{Bench, Connections, Identified},
     command::Failure,
     config::Experiment,
     custody::Custody,
@@ -82,9 +82,9 @@ impl Run<'_> {
             lost = custody.lost() => Err(lost.into()),
         };
         progress.finish();
-        let outcome = match caught(async { Ok(bench.safe_state().await) }).await {
-            Ok(safe_state) => safe(safe_state, outcome),
-            Err(panic) => Err(Failure::Unsafe { failures: panic.to_string(), cause: String::new() }),
+        let outcome = match caught(async { Ok(bench.made_safe().await) }).await {
+            Ok(safe) => Failure::unsafe_first(safe, outcome),
+            Err(panic) => Err(Failure::Unsafe { failures: format!("what the outputs do is not known: {panic}"), cause: String::new() }),
         };
         // What could not be switched off is left to the guardian, which needs the instruments for itself.
         drop(bench);
@@ -164,16 +164,5 @@ impl Run<'_> {
         if let Err(error) = told {
             tracing::error!("{error}");
         }
-    }
-}
-
-/// Safe state that could not be verified outweighs everything else.
-pub(super) fn safe<T>(safe: Result<(), Vec<BenchError>>, outcome: Result<T, Failure>) -> Result<T, Failure> {
-    match safe {
-        Ok(()) => outcome,
-        Err(failures) => Err(Failure::Unsafe {
-            failures: failures.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
-            cause: outcome.err().map_or_else(String::new, |failure| format!(" (after: {failure})")),
-        }),
     }
 }

@@ -99,7 +99,8 @@ fn put_badly(steps: &mut Vec<Step>, mut reply: Vec<u8>, (Trouble { fault, share 
             put(steps, reply, true);
             return Then::StopSending;
         }
-        Fault::Overflow | Fault::OutputOff => {}
+        // What befalls the device itself is none of the wire.
+        _ => {}
     }
     put(steps, reply, true);
     Then::Stay

@@ -1,0 +1,204 @@
+//! What each output was left in, and the one sentence that says it: which current still flows, by whose reading, what bounds it, and what to unplug. The
+//! daemon, its guardian, `eis-bench safe` and the server share it.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::interlock::NO_CURRENT_A;
+
+/// What one instrument was left in.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Output {
+    /// Its role.
+    pub role: String,
+    /// Its model in the bench file.
+    pub model: String,
+    /// Its output is off by its own word.
+    pub off: bool,
+    /// Voltage that it measures, V; none without a meter or an answer.
+    pub volts: Option<f64>,
+    /// Current that it measures, A; none without a meter or an answer.
+    pub amps: Option<f64>,
+    /// By what its current was brought to zero while its output stayed on.
+    pub by: Option<String>,
+    /// What bounds its current, where it could not be verified to be off.
+    pub bound: Option<String>,
+    /// What went wrong, in the words of the link: for the log.
+    pub trouble: Option<String>,
+}
+
+/// The roles that have a meter of their own current.
+pub(super) const METERED: [&str; 3] = ["supply4q", "load", "supply"];
+
+impl Output {
+    /// It is off by its own word, and no current flows by its meter, where it has one.
+    pub fn verified(&self) -> bool {
+        let metered = METERED.contains(&self.role.as_str());
+        self.off && self.trouble.is_none() && (!metered || self.amps.is_some_and(|amps| amps.abs() <= NO_CURRENT_A))
+    }
+
+    /// Why it is not verified, and what to do: one clause of the sentence.
+    fn clause(&self, drive_off: bool) -> String {
+        let (name, unplug) = (self.name(), self.unplug());
+        let bound = self.bound.as_ref().map_or_else(String::new, |bound| format!(", {bound}"));
+        match (self.role.as_str(), self.amps) {
+            ("chiller", _) => format!("the relays of {name} are not known to be open; a pulse ends by itself within a minute: {unplug}"),
+            ("generator", _) if drive_off => {
+                format!("{name} is not known to be off; the bipolar supply that it commands is off, so that it drives nothing: {unplug}")
+            }
+            ("generator", _) => format!("{name} is not known to be off, and it commands the bipolar supply: {unplug}"),
+            (_, Some(amps)) if amps.abs() > NO_CURRENT_A => {
+                let off = if self.off { ", though it says that it is off" } else { "" };
+                format!("{:.2} A still flow through {name} by its own meter{off}{bound}: {unplug}", amps.abs())
+            }
+            (_, Some(amps)) => {
+                let by = self.by.as_ref().map_or_else(String::new, |by| format!(" since it was given {by}"));
+                format!("{name} does not say that it is off; its own meter shows {:.2} A{by}{bound}: {unplug}", amps.abs())
+            }
+            (_, None) => {
+                let said = if self.off { "it says that it is off, and its meter does not answer" } else { "it does not answer" };
+                format!("whether a current flows through {name} is not known: {said}{bound}: {unplug}")
+            }
+        }
+    }
+
+    fn name(&self) -> String {
+        let role = match self.role.as_str() {
+            "supply4q" => "the bipolar supply",
+            "supply" => "the charger",
+            "chiller" => "the bath",
+            other => return format!("the {other} ({})", self.model),
+        };
+        format!("{role} ({})", self.model)
+    }
+
+    fn unplug(&self) -> &'static str {
+        match self.role.as_str() {
+            "supply4q" => "UNPLUG THE BIPOLAR SUPPLY FROM THE CELL",
+            "load" => "UNPLUG THE LOAD FROM THE CELL",
+            "supply" => "UNPLUG THE CHARGER FROM THE CELL",
+            "generator" => "SWITCH IT OFF AT ITS PANEL",
+            _ => "PULL THE PLUGS OF HEATER AND COOLER",
+        }
+    }
+
+    /// One line for people.
+    pub fn line(&self) -> String {
+        let meter = match (self.volts, self.amps) {
+            (Some(volts), Some(amps)) => format!("; {volts:.4} V, {amps:.4} A"),
+            _ => String::new(),
+        };
+        let state = if self.verified() { "off, read back" } else { "NOT VERIFIED" };
+        let trouble = self.trouble.as_ref().map_or_else(String::new, |trouble| format!("; {trouble}"));
+        format!("{:<10} {:<20} {state}{meter}{trouble}", self.role, self.model)
+    }
+}
+
+/// What a bench was left in.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SafeReport {
+    /// Its name.
+    pub bench: String,
+    /// Every output was read back as off, and no current flows by any meter.
+    pub verified: bool,
+    /// What it was left in, in one sentence.
+    pub message: String,
+    /// Every instrument that was switched off.
+    pub outputs: Vec<Output>,
+}
+
+impl SafeReport {
+    /// What follows from the outputs.
+    pub(super) fn of(bench: &str, outputs: Vec<Output>) -> Self {
+        let drive_off = outputs.iter().filter(|output| output.role == "supply4q").all(Output::verified);
+        let mut wrong: Vec<&Output> = outputs.iter().filter(|output| !output.verified()).collect();
+        // The greatest current first, then what is not known.
+        wrong.sort_by(|one, other| weight(other).total_cmp(&weight(one)));
+        let silent = |output: &&Output| output.amps.is_none() && !output.off;
+        let message = if outputs.is_empty() {
+            "the bench has nothing that could drive a current".to_owned()
+        } else if wrong.is_empty() {
+            "every output is off and was read back, and no current flows".to_owned()
+        } else if wrong.iter().filter(|output| METERED.contains(&output.role.as_str())).count() > 1 && wrong.iter().all(silent) {
+            let names = wrong.iter().map(|output| output.name()).collect::<Vec<_>>().join(", ");
+            format!(
+                "whether a current flows is not known: {names} do not answer, and nothing but their ratings is known to bound it: UNPLUG THE CELL"
+            )
+        } else {
+            wrong.iter().map(|output| output.clause(drive_off)).collect::<Vec<_>>().join("; ")
+        };
+        Self { bench: bench.to_owned(), verified: wrong.is_empty(), message, outputs }
+    }
+
+    /// The message as an error where something is not verified.
+    ///
+    /// # Errors
+    /// [`Unsafe`].
+    pub fn proven(self) -> Result<Self, Unsafe> {
+        if self.verified { Ok(self) } else { Err(Unsafe(Box::new(self))) }
+    }
+
+    /// What went wrong, in the words of the links: for a log.
+    pub fn troubles(&self) -> String {
+        let told = self.outputs.iter().filter_map(|output| Some(format!("{}: {}", output.role, output.trouble.as_ref()?)));
+        told.collect::<Vec<_>>().join("; ")
+    }
+}
+
+fn weight(output: &Output) -> f64 {
+    output.amps.map_or(0.5 * NO_CURRENT_A, f64::abs)
+}
+
+/// A bench whose outputs are not known to be off.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{}", .0.message)]
+pub struct Unsafe(pub Box<SafeReport>);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn output(role: &str, off: bool, amps: Option<f64>) -> Output {
+        Output { role: role.to_owned(), model: "m".to_owned(), off, volts: amps.map(|_| 3.7), amps, ..Output::default() }
+    }
+
+    #[test]
+    fn one_sentence_says_what_flows_by_whose_reading_what_bounds_it_and_what_to_unplug() {
+        let load = Output { bound: Some("it stops below 2.5 V".to_owned()), ..output("load", false, Some(3.0)) };
+        let report = SafeReport::of("demo", vec![output("supply4q", true, Some(0.001)), output("generator", true, None), load]);
+        assert!(!report.verified);
+        assert_eq!(
+            report.message,
+            "3.00 A still flow through the load (m) by its own meter, it stops below 2.5 V: UNPLUG THE LOAD FROM THE CELL"
+        );
+        let report = SafeReport::of("demo", vec![output("supply4q", true, None)]);
+        let unknown = "whether a current flows through the bipolar supply (m) is not known: it says that it is off, and its meter does not answer: \
+                       UNPLUG THE BIPOLAR SUPPLY FROM THE CELL";
+        assert_eq!((report.verified, report.message.as_str()), (false, unknown));
+        let zeroed = Output { by: Some("its current at 0".to_owned()), ..output("supply", false, Some(0.0)) };
+        let words = "the charger (m) does not say that it is off; its own meter shows 0.00 A since it was given its current at 0: UNPLUG THE CHARGER FROM \
+                     THE CELL";
+        assert_eq!(SafeReport::of("demo", vec![zeroed]).message, words);
+    }
+
+    #[test]
+    fn only_what_is_off_and_carries_nothing_is_verified() {
+        for (made, verified) in [
+            (output("load", true, Some(0.05)), true),
+            (output("load", true, Some(0.2)), false),
+            (output("load", true, Some(f64::NAN)), false),
+            (output("load", true, None), false),
+            (output("load", false, Some(0.0)), false),
+            (output("generator", true, None), true),
+            (output("generator", false, None), false),
+        ] {
+            assert_eq!(SafeReport::of("demo", vec![made.clone()]).verified, verified, "{made:?}");
+        }
+    }
+
+    #[test]
+    fn the_greatest_current_is_told_first() {
+        let report = SafeReport::of("demo", vec![output("supply4q", false, None), output("load", false, Some(3.0))]);
+        assert!(report.message.starts_with("3.00 A still flow through the load"), "{}", report.message);
+    }
+}

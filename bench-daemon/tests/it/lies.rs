@@ -1,0 +1,49 @@
+//! Instruments that lie: whatever they do, no more flows than the step asks for, it ends soon, and the last message is the truth.
+
+use bench_daemon::command::run::Session;
+use fixtures::Witness;
+
+use crate::support::{BENCH, Files};
+
+/// How a run ended, and what the cell says of it.
+pub(crate) struct Lived {
+    pub(crate) ended: String,
+    pub(crate) code: u8,
+    pub(crate) witness: Witness,
+    /// Current through the cell when all is over, A.
+    pub(crate) left_a: f64,
+}
+
+/// Runs the experiment with one fault on one instrument from a bench time on.
+pub(crate) fn live(files: &Files, (fault, role, from): (&str, &str, &str)) -> Lived {
+    let faults =
+        format!("[simulation.faults]\nseed = 1\nper_message = 1.0\nmost = 1\nkinds = [\"{fault}\"]\nrole = \"{role}\"\nfrom = \"{from}\"");
+    files.write(BENCH, &format!("{}\n{faults}\n", files.text(BENCH)));
+    let experiment = files.load();
+    let mut session = Session::new(&experiment.bench).unwrap();
+    let outcome = session.run(&experiment, &files.path("run"));
+    let (ended, code) = outcome.err().map_or_else(|| ("finished".to_owned(), 0), |failure| (failure.to_string(), failure.exit_code()));
+    let world = session.simulation().unwrap().world().lock().unwrap();
+    assert!(!session.simulation().unwrap().happened().is_empty(), "the fault did not happen: {ended}");
+    Lived { ended, code, witness: world.witness(), left_a: world.truth_current_a() }
+}
+
+#[test]
+fn a_load_that_does_not_open_is_brought_to_zero_by_its_set_point() {
+    let lived = live(&Files::brief(2).without("experiments/demo.toml", "fixture_check"), ("stuck_output", "load", "60 s"));
+    assert_eq!((lived.code, lived.left_a), (6, 0.0), "{}", lived.ended);
+    let words = "LOOK AT THE BENCH: the load (siglent-sdl1000x) does not say that it is off; its own meter shows 0.00 A since it was given its set-points \
+                 at 0, it trips above ";
+    assert!(lived.ended.starts_with(words) && lived.ended.contains(": UNPLUG THE LOAD FROM THE CELL"), "{}", lived.ended);
+    assert_eq!(lived.witness.abuse, []);
+}
+
+#[test]
+fn a_charger_that_does_not_go_off_is_brought_to_zero_by_its_current() {
+    let files = Files::brief(2).without("experiments/demo.toml", "fixture_check");
+    let lived = live(&files, ("stuck_output", "supply", "0 s"));
+    assert_eq!((lived.code, lived.left_a), (6, 0.0), "{}", lived.ended);
+    assert!(lived.ended.contains("the charger (siglent-spd3303x) does not say that it is off"), "{}", lived.ended);
+    assert!(lived.ended.contains("since it was given its current at 0, it is limited to "), "{}", lived.ended);
+    assert_eq!(lived.witness.abuse, []);
+}
