@@ -102,6 +102,14 @@ pub struct Executor<'a> {
     charge_c: f64,
     /// Bench time of the last reading of the bipolar supply, s.
     watched_s: f64,
+    /// Number of the instrument whose settings were read back last.
+    looked: usize,
+    /// How long the last reading of the bipolar supply took, s.
+    read_s: f64,
+    /// What the voltmeter at the jig has shown last, V.
+    shown_v: Option<f64>,
+    /// What the power-up in work allows of the current, A.
+    powered_a: Option<f64>,
     /// The cell's temperature when it was read last, °C.
     last_c: Option<f64>,
     /// The logger scans nothing before it was told what.
@@ -166,6 +174,10 @@ impl<'a> Executor<'a> {
             zero: None,
             charge_c: 0.0,
             watched_s: f64::NEG_INFINITY,
+            looked: 0,
+            read_s: 0.0,
+            shown_v: None,
+            powered_a: None,
             last_c: None,
             logger_ready: false,
             legs: leg::Legs::default(),

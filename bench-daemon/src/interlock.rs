@@ -3,7 +3,7 @@
 
 mod history;
 
-pub use history::{Allowance, Interlock, Settings};
+pub use history::{Allowance, Interlock, Mean, Settings};
 
 /// Limits of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -69,6 +69,14 @@ pub enum Trip {
         /// Bench time, s.
         time_s: f64,
     },
+    /// More flows than the step asks for, and why, as far as the instruments say.
+    #[error("{trip}: {cause}")]
+    Caused {
+        /// What left its limits.
+        trip: Box<Trip>,
+        /// Whose setting is not what this run has set.
+        cause: String,
+    },
     /// The chiller does not do what it was started for.
     #[error("chiller: expected it to run without an alarm, found `{said}` at {time_s:.1} s")]
     Chiller {
@@ -97,6 +105,15 @@ fn set_by(what: &str) -> &'static str {
 }
 
 impl Trip {
+    /// The same with a cause, where one is known.
+    #[must_use]
+    pub fn because(self, cause: Option<String>) -> Self {
+        match cause {
+            Some(cause) => Self::Caused { trip: Box::new(self), cause },
+            None => self,
+        }
+    }
+
     /// The same in words that fit a control in the place of the cell.
     #[must_use]
     pub fn of_control(self) -> Self {
@@ -104,6 +121,7 @@ impl Trip {
             Self::Limit { what: CELL_VOLTAGE, value, unit, least, greatest, time_s } => {
                 Self::Limit { what: "voltage across a control (is the cell in the jig?)", value, unit, least, greatest, time_s }
             }
+            Self::Caused { trip, cause } => trip.of_control().because(Some(cause)),
             other => other,
         }
     }

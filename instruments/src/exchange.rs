@@ -206,6 +206,56 @@ pub async fn look(link: &mut Link, script: &[Exchange]) -> Result<Vec<Answer>, L
     Ok(answers)
 }
 
+/// The questions of scripts, each with the last thing that it must show.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Told(Vec<(String, Expect)>);
+
+impl Told {
+    /// Nothing is known but what this script makes so.
+    pub fn of(script: &[Exchange]) -> Self {
+        let mut told = Self::default();
+        told.add(script);
+        told
+    }
+
+    /// A later script changes what an earlier one has made so.
+    pub fn add(&mut self, script: &[Exchange]) {
+        for exchange in script {
+            let (Exchange::Set { read_back, expect, .. } | Exchange::Ask { read_back: Some((read_back, expect)), .. }) = exchange else {
+                continue;
+            };
+            self.0.retain(|(question, _)| question != read_back);
+            self.0.push((read_back.clone(), expect.clone()));
+        }
+    }
+
+    /// Nothing is known.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Only what this script makes so is known any more.
+    pub fn keep(&mut self, script: &[Exchange]) {
+        let kept = Self::of(script);
+        self.0.retain(|(question, _)| kept.0.iter().any(|(other, _)| other == question));
+    }
+
+    /// Asks whether all is still as it was told, and changes nothing; what is not, in words.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn differs(&self, link: &mut Link) -> Result<Option<String>, LinkError> {
+        for (question, expect) in &self.0 {
+            let answer = link.query(question).await?;
+            if let Err(expected) = expect.judge(&answer) {
+                let words = expect.other(question, &answer);
+                return Ok(Some(words.unwrap_or_else(|| format!("`{question}` is answered by `{answer}`, this run left {expected}"))));
+            }
+        }
+        Ok(None)
+    }
+}
+
 /// Takes out of the error queue what an earlier client or the power-up left there, which would else be taken for an answer to the first message.
 ///
 /// # Errors

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::{
-    exchange::{Bound, Identity, Way, leading_number, play_all},
+    exchange::{Bound, Exchange, Identity, Told, Way, leading_number, play, play_all},
     link::{Link, LinkError, LinkProfile},
     transport::Address,
     units::{Amps, Volts},
@@ -36,12 +36,14 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
     pub(crate) link: Link,
     pub(crate) dialect: &'static D,
     pub(crate) channels: Vec<u16>,
+    /// What was set last and must stay so while current flows.
+    pub(crate) told: Told,
 }
 
 impl<D: Model + ?Sized> Instrument<D> {
     /// Puts a dialect on a link. Sends nothing.
     pub fn new(link: Link, dialect: &'static D) -> Self {
-        Self { link, dialect, channels: Vec::new() }
+        Self { link, dialect, channels: Vec::new(), told: Told::default() }
     }
 
     /// Names the channels in use, where a model has several: the generator's output, the logger's scan list.
@@ -80,6 +82,26 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// Asks for a voltage, then for a current.
     pub(crate) async fn volts_and_amps(&mut self, [volts, amps]: [&str; 2]) -> Result<(Volts, Amps), LinkError> {
         Ok((Volts(self.number(volts).await?), Amps(self.number(amps).await?)))
+    }
+
+    /// Plays a script that changes what drives a current, and remembers what it has made so.
+    pub(crate) async fn tell(&mut self, script: &[Exchange]) -> Result<(), LinkError> {
+        play(&mut self.link, script).await?;
+        self.told.add(script);
+        Ok(())
+    }
+
+    /// Something was set that must stay so.
+    pub fn was_told(&self) -> bool {
+        !self.told.is_empty()
+    }
+
+    /// Asks whether everything is still as it was set, while something is on, and changes nothing; what is not, in words.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn differs(&mut self) -> Result<Option<String>, LinkError> {
+        self.told.differs(&mut self.link).await
     }
 
     /// Goes a way to zero current, whatever is refused in between.

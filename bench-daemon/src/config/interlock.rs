@@ -46,7 +46,7 @@ impl Section {
             rate_k_per_s: within(rate)? / 60.0,
             window_s: within(("temperature_window", si(self.temperature_window), 60.0, (20.0, 600.0), "s"))?,
             charge_c: 0.01 * capacity_c * within(("charge_max", share(self.charge_max), 110.0, (1.0, 1000.0), "%"))?,
-            drift_c: 0.01 * capacity_c * within(("charge_drift_max", share(self.charge_drift_max), 2.0, (0.01, 1000.0), "%"))?,
+            drift_c: 0.01 * capacity_c * within(("charge_drift_max", share(self.charge_drift_max), 0.5, (0.01, 1000.0), "%"))?,
             frozen_c: 0.01 * capacity_c * within(("frozen_charge", share(self.frozen_charge), 2.0, (0.01, 1000.0), "%"))?,
             frozen_s: within(("frozen_time", si(self.frozen_time), 30.0, (10.0, 3600.0), "s"))?,
             reading_age_s: within(("reading_age_max", si(self.reading_age_max), 15.0, (2.0, 600.0), "s"))?,

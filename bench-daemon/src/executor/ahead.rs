@@ -7,6 +7,7 @@ use instruments::{clock::TimeMode, mock::plant::Fixture};
 
 use super::{ExecuteError, Executor, POLL_S};
 use crate::{
+    interlock::Reading,
     journal::Entry,
     plan::{Stage, Step},
 };
@@ -109,7 +110,8 @@ impl Executor<'_> {
                 return Ok(());
             }
             self.clock.sleep_s(POLL_S).await;
-            self.timed_watch(fixture).await?;
+            let reading = self.timed_watch(fixture).await?;
+            self.watch_mean((reading, end_s - self.clock.now_s() - self.watch_took_s)).await?;
         }
     }
 
@@ -120,19 +122,19 @@ impl Executor<'_> {
             return Ok(());
         }
         self.clock.sleep_s(early_s).await;
-        self.timed_watch(fixture).await
+        self.timed_watch(fixture).await.map(|_| ())
     }
 
     /// A reading while a record is being fetched, as soon as the last one is as old as two readings may be apart.
     pub(super) async fn watch_between(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        if self.overlaps() && self.clock.now_s() - self.watched_s < POLL_S { Ok(()) } else { self.timed_watch(fixture).await }
+        if self.overlaps() && self.clock.now_s() - self.watched_s < POLL_S { Ok(()) } else { self.timed_watch(fixture).await.map(|_| ()) }
     }
 
-    async fn timed_watch(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
+    async fn timed_watch(&mut self, fixture: Fixture) -> Result<Reading, ExecuteError> {
         let start_s = self.clock.now_s();
-        self.watch("sine", fixture).await?;
+        let reading = self.watch("sine", fixture).await?;
         self.watch_took_s = self.clock.now_s() - start_s;
-        Ok(())
+        Ok(reading)
     }
 
     /// When a point may be stopped: settled, and the scope armed for long enough, bench s.

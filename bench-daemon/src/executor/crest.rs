@@ -3,12 +3,17 @@
 use instruments::{mock::plant::Fixture, scope::Waveform};
 
 use super::{ExecuteError, Executor};
-use crate::interlock::Trip;
+use crate::interlock::{NO_CURRENT_A, Trip};
 
 /// No cell for which this bench is made has more at any frequency of a sweep, Ω. Its record tells the truth a moment later.
 const MOST_OHM: f64 = 0.025;
 /// What noise and gains of the channels may add to a crest, V.
 const MARGIN_V: f64 = 0.02;
+/// Least correlation of neighbouring samples of a signal.
+const SMOOTH: f64 = 0.5;
+/// Offset error of a channel, as a share of its range, and V (data sheets of 12-bit scopes: 0.5 % to 1 %, and 1 mV).
+const OFFSET_SHARE: f64 = 0.01;
+const OFFSET_V: f64 = 1.0e-3;
 
 impl Executor<'_> {
     /// Refuses a current whose crests could leave the voltage limits of the cell as it was at rest.
@@ -26,24 +31,89 @@ impl Executor<'_> {
         Err(ExecuteError::Signal { freq_hz, reason })
     }
 
-    /// Trips where a record shows the cell beyond its limits, whatever the meters have averaged.
-    pub(super) fn crest(&self, fixture: Fixture, waveforms: &[Waveform; 4]) -> Result<(), ExecuteError> {
+    /// Trips where a record shows more current than the step asks for, or the cell beyond its limits, whatever the meters have averaged. Records that cannot be of a
+    /// current, or of this cell, are refused before anything is concluded from them.
+    pub(super) async fn crest(&mut self, fixture: Fixture, (waveforms, amplitude_a): (&[Waveform; 4], f64)) -> Result<(), ExecuteError> {
+        let [below, above, low, high] = waveforms;
+        let mean_a = mean(&difference(above, below)) / self.experiment.bench.wiring.shunt.r_ohm;
+        let unsure_v: f64 = [below, above].iter().map(|waveform| self.offset_error_v(waveform)).sum();
+        let greatest = 0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.experiment.bench.wiring.shunt.r_ohm;
+        let time_s = self.clock.now_s();
+        if mean_a.abs() > greatest && !smooth(&difference(above, below)) {
+            return Err(self.no_record("of the current"));
+        }
+        if mean_a.abs() > greatest {
+            let what = "mean of the cell current in a record";
+            let trip = Trip::Limit { what, value: mean_a, unit: "A", least: -greatest, greatest, time_s };
+            return Err(trip.because(self.cause().await).into());
+        }
         if fixture != Fixture::Cell {
             return Ok(());
         }
-        let [.., low, high] = waveforms;
-        let volts = |waveform: &Waveform, code: i16| f64::from(code) * waveform.preamble.volts_per_code - waveform.preamble.offset_v;
-        let cell = high.codes.iter().zip(&low.codes).map(|(high_code, low_code)| volts(high, *high_code) - volts(low, *low_code));
-        let (least_v, greatest_v) = cell.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| (least.min(v), most.max(v)));
+        let cell = difference(high, low);
+        let (least_v, greatest_v) = cell.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| (least.min(*v), most.max(*v)));
         let limits = &self.experiment.cell.limits;
         let (least, greatest) = (limits.min_v, limits.max_v);
         let beyond = [(least_v, least_v < least - MARGIN_V), (greatest_v, greatest_v > greatest + MARGIN_V)];
-        match beyond.into_iter().find(|(_, beyond)| *beyond) {
-            Some((value, _)) => {
-                let time_s = self.clock.now_s();
-                Err(Trip::Limit { what: "cell voltage at the crest of a record", value, unit: "V", least, greatest, time_s }.into())
-            }
-            None => Ok(()),
+        let Some((value, _)) = beyond.into_iter().find(|(_, beyond)| *beyond) else { return Ok(()) };
+        if !smooth(&cell) {
+            return Err(self.no_record("of a cell"));
         }
+        // The scope may be wrong: the voltmeter says where the cell is between the crests.
+        if let Some(shown_v) = self.shown_v {
+            let (scope_v, allowed_v) =
+                (mean(&cell), MARGIN_V + self.offset_error_v(high) + self.offset_error_v(low) + amplitude_a * MOST_OHM);
+            if (scope_v - shown_v).abs() > allowed_v {
+                return Err(ExecuteError::Disagree {
+                    what: "cell voltage",
+                    one: format!("scope {scope_v:.3} V in the mean of a record"),
+                    other: format!("voltmeter {shown_v:.3} V"),
+                    allowed: format!("{allowed_v:.3} V"),
+                });
+            }
+        }
+        Err(Trip::Limit { what: "cell voltage at the crest of a record", value, unit: "V", least, greatest, time_s }.into())
+    }
+
+    fn no_record(&self, of: &str) -> ExecuteError {
+        let allowed = format!("{SMOOTH} from one sample to the next");
+        let one = format!("a record {of} from the scope whose samples are not related to each other");
+        ExecuteError::Disagree { what: "record", one, other: "a sampled signal is smooth".to_owned(), allowed }
+    }
+
+    /// How far a channel's zero may be off, V: one per cent of its range, and a millivolt.
+    fn offset_error_v(&self, waveform: &Waveform) -> f64 {
+        let half_range_div = self.bench.scope.as_ref().map_or(4.0, |scope| scope.capabilities().half_range_div);
+        OFFSET_SHARE * 2.0 * half_range_div * waveform.preamble.volts_per_div + OFFSET_V
+    }
+}
+
+/// The difference of two channels, V.
+fn difference(high: &Waveform, low: &Waveform) -> Vec<f64> {
+    let volts = |waveform: &Waveform, code: i16| f64::from(code) * waveform.preamble.volts_per_code - waveform.preamble.offset_v;
+    high.codes.iter().zip(&low.codes).map(|(high_code, low_code)| volts(high, *high_code) - volts(low, *low_code)).collect()
+}
+
+fn mean(samples: &[f64]) -> f64 {
+    samples.iter().sum::<f64>() / samples.len().max(1) as f64
+}
+
+/// Whether neighbours are related to each other: those of a signal are, random bytes are not. A record in which nothing moves is smooth.
+fn smooth(samples: &[f64]) -> bool {
+    let middle = mean(samples);
+    let square: f64 = samples.iter().map(|v| (v - middle).powi(2)).sum();
+    let pairs: f64 = samples.windows(2).map(|pair| (pair[0] - middle) * (pair[1] - middle)).sum();
+    square <= 0.0 || pairs / square >= SMOOTH
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signal_is_smooth_and_random_bytes_are_not() {
+        let sine: Vec<f64> = (0..1000).map(|k| 3.7 + 0.02 * (0.06 * f64::from(k)).sin()).collect();
+        let noise: Vec<f64> = (0..1000_u32).map(|k| f64::from(k.wrapping_mul(2_654_435_761) >> 16) / 65_536.0).collect();
+        assert!(smooth(&sine) && !smooth(&noise) && smooth(&[3.7; 10]));
     }
 }

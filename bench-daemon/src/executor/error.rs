@@ -8,6 +8,26 @@ pub enum ExecuteError {
     /// An instrument.
     #[error(transparent)]
     Bench(#[from] BenchError),
+    /// An instrument is not set as this run has set it.
+    #[error("{role}: {met}: another client, a hand at its panel, or a protection?")]
+    Meddled {
+        /// Its role.
+        role: &'static str,
+        /// What it says.
+        met: String,
+    },
+    /// Two meters of one quantity say different things.
+    #[error("{what}: {one}, {other}: they may differ by {allowed}; one of them is wrong")]
+    Disagree {
+        /// The quantity.
+        what: &'static str,
+        /// What one shows.
+        one: String,
+        /// What the other shows.
+        other: String,
+        /// How far they may be apart.
+        allowed: String,
+    },
     /// The interlock.
     #[error("interlock: {0}")]
     Trip(#[from] Trip),

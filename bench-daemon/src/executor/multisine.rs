@@ -75,7 +75,7 @@ impl Executor<'_> {
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
             let waveforms = self.roll(band, taken + attempt).await?;
-            self.crest(Fixture::Cell, &waveforms)?;
+            self.crest(Fixture::Cell, (&waveforms, band.peak_a)).await?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
             if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {

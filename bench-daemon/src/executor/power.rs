@@ -20,6 +20,7 @@ const CONTROL_IDLE_V: f64 = 0.2;
 impl Executor<'_> {
     pub(super) async fn power(&mut self, fixture: Fixture, step: &Step) -> Result<(), ExecuteError> {
         let Step::PowerUp { compliance_v, limit_a, .. } = *step else { return Ok(()) };
+        self.powered_a = Some(limit_a);
         self.power_up(fixture, &supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) }).await
     }
 
@@ -98,6 +99,7 @@ impl Executor<'_> {
     }
 
     pub(super) async fn power_down(&mut self) -> Result<(), ExecuteError> {
+        self.powered_a = None;
         Ok(self.bench.drive_off().await?)
     }
 }

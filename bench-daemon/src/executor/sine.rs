@@ -12,6 +12,7 @@ use super::{
     Beside, ExecuteError, Executor,
     record::{Asked, Taken, analyse},
     require,
+    watch::drawn,
 };
 use crate::{
     config::Eis,
@@ -26,7 +27,7 @@ const TRIGGER_CHANNEL: u8 = 2;
 const MIN_SPAN: f64 = 0.04;
 /// A new range is chosen so that the signal spans this share of it.
 const WANTED_SPAN: f64 = 0.5;
-/// How far the amplitude of the current may be from its command, as a share.
+/// How far the amplitude of the current may stay behind its command, as a share: at the end of its band a supply loses a seventh.
 const CURRENT_TOLERANCE: f64 = 0.2;
 /// How far a frame may be from the settings that it was asked with, as a share.
 const FRAME_TOLERANCE: f64 = 0.02;
@@ -106,7 +107,7 @@ impl Executor<'_> {
                 start_s: self.clock.now_s(),
             };
             self.recorder.capture(&file, &waveforms)?;
-            self.crest(fixture, &waveforms)?;
+            self.crest(fixture, (&waveforms, amplitude_a)).await?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
             if ranged.is_empty() || (attempt == MAX_RANGING && (!clipped || eis.quality.is_some())) {
@@ -273,12 +274,13 @@ impl Executor<'_> {
     fn check_current(&self, point: &SweepPoint, amplitude_a: f64) -> Result<(), ExecuteError> {
         let [first, second, _, _] = point.phasors.volts;
         let met_a = (second - first).norm() / self.experiment.bench.wiring.shunt.r_ohm;
-        if (met_a / amplitude_a - 1.0).abs() <= CURRENT_TOLERANCE {
+        let (least_a, greatest_a) = ((1.0 - CURRENT_TOLERANCE) * amplitude_a, drawn(amplitude_a));
+        if (least_a..=greatest_a).contains(&met_a) {
             return Ok(());
         }
         Err(ExecuteError::Disobeyed {
             what: format!("current at {} Hz", point.phasors.freq_hz),
-            expected: format!("an amplitude of {amplitude_a} A within {:.0} %", 100.0 * CURRENT_TOLERANCE),
+            expected: format!("an amplitude from {least_a:.3} A to {greatest_a:.3} A"),
             met: format!("{met_a:.4} A"),
         })
     }

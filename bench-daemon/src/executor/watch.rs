@@ -4,11 +4,17 @@ use instruments::{link::LinkError, mock::plant::Fixture};
 
 use super::{ExecuteError, Executor, POLL_S, metered::BELOW_GREATEST_V, require};
 use crate::{
-    interlock::{Allowance, NO_CURRENT_A, Reading, Trip},
+    interlock::{Allowance, Mean, NO_CURRENT_A, Reading, Trip},
     plan::{Flow, Step},
     thermostat::Action,
 };
 
+/// Standard deviations that chance does not pass in a night of readings.
+const CERTAIN: f64 = 5.0;
+/// Instruments that drive a current.
+const DRIVES: usize = 4;
+/// What a reading takes at most as a rule, s.
+const READ_S: f64 = 0.2;
 /// The gain error of a meter, as part of a step's envelope.
 const METER_GAIN: f64 = 1.1;
 /// A temperature is read with every so many readings.
@@ -26,8 +32,9 @@ impl Executor<'_> {
         let cell = self.experiment.cell.limits;
         let settings = &self.experiment.cell.interlock;
         let cell = if fixture == Fixture::Cell { cell } else { cell.of_control() };
-        let drawn = |amps: f64| METER_GAIN * amps + NO_CURRENT_A;
-        let (drift_c, in_work) = (settings.drift_c, *self.interlock.limits());
+        let drift_c = settings.drift_c;
+        // The limit of the power-up holds until the power-down; each step in between may do less.
+        let powered = self.powered_a.map_or(cell, |limit_a| cell.bounded(limit_a, limit_a));
         let idle = Allowance { cell: fixture == Fixture::Cell, ..Allowance::idle(cell.bounded(NO_CURRENT_A, NO_CURRENT_A)) };
         let live = |limits, charge_c| Allowance { limits, live: true, charge_c, ..idle };
         // The charge in a piece of copper is nothing to look at.
@@ -50,22 +57,25 @@ impl Executor<'_> {
                 }
             }
             Step::PowerUp { limit_a, .. } => live(cell.bounded(limit_a, limit_a), sweep_c(0.0)),
-            // Between power-up and power-down the limit of the power-up holds, and the charge counts on. Half a period moves A/(πf).
+            // Between power-up and power-down the charge counts on. Half a period moves A/(πf).
             Step::Sine { freq_hz, amplitude_a, .. } => {
                 let swing_c = amplitude_a / (std::f64::consts::PI * freq_hz);
-                Allowance { continues: true, swing_s: swing_s(freq_hz, amplitude_a), ..live(in_work, sweep_c(swing_c)) }
+                let (limits, mean) = (powered.bounded(drawn(amplitude_a), drawn(amplitude_a)), mean(1.0 / freq_hz, amplitude_a));
+                Allowance { continues: true, swing_s: swing_s(freq_hz, amplitude_a), mean, ..live(limits, sweep_c(swing_c)) }
             }
             Step::Multisine(ref band) => {
                 let swing_c = band.peak_a / (std::f64::consts::PI * band.base_hz);
                 let slowest_hz = band.base_hz * band.design.harmonics.first().map_or(1.0, |line| *line as f64);
                 let swing_s = swing_s(slowest_hz, band.design.amplitude * band.peak_a);
-                Allowance { continues: true, swing_s, ..live(in_work, sweep_c(swing_c)) }
+                let (limits, mean) =
+                    (powered.bounded(drawn(band.peak_a), drawn(band.peak_a)), multisine_mean(1.0 / band.base_hz, band.peak_a));
+                Allowance { continues: true, swing_s, mean, ..live(limits, sweep_c(swing_c)) }
             }
-            Step::PowerDown | Step::Recheck { .. } => Allowance { continues: true, ..live(in_work, idle.charge_c) },
+            Step::PowerDown | Step::Recheck { .. } => Allowance { continues: true, ..live(powered, idle.charge_c) },
             Step::Trace(ref trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
                 let (least_c, greatest_c) = trace.swing_c();
-                let within = if trace.bipolar() { in_work } else { cell };
+                let within = if trace.bipolar() { powered } else { cell };
                 let limits = within.bounded(drawn(greatest_a), drawn(-least_a));
                 let traced = live(limits, (METER_GAIN * least_c - drift_c, METER_GAIN * greatest_c + drift_c));
                 let held_v = if trace.bipolar() { traced.held_v } else { cell.max_v - BELOW_GREATEST_V - HELD_V };
@@ -85,7 +95,8 @@ impl Executor<'_> {
                 return Ok(());
             }
             self.clock.sleep_s(left_s.min(POLL_S)).await;
-            self.watch(phase, fixture).await?;
+            let reading = self.watch(phase, fixture).await?;
+            self.watch_mean((reading, end_s - self.clock.now_s())).await?;
         }
     }
 
@@ -99,25 +110,94 @@ impl Executor<'_> {
             reading.temperature_c = reading.temperature_c.filter(|celsius| celsius.is_finite());
         }
         match self.interlock.judge(&reading, self.clock.machine_s()) {
-            Some(trip) if fixture != Fixture::Cell => Err(trip.of_control().into()),
-            Some(trip) => Err(trip.into()),
-            None => Ok(reading),
+            Some(trip) => {
+                let trip = trip.because(self.cause().await);
+                Err(if fixture == Fixture::Cell { trip } else { trip.of_control() }.into())
+            }
+            None => {
+                self.look_back().await?;
+                Ok(reading)
+            }
+        }
+    }
+
+    /// While current flows the instruments that drive it are asked in turn whether their settings still are what this run has set, one with each reading.
+    pub(super) async fn look_back(&mut self) -> Result<(), ExecuteError> {
+        for _ in 0..DRIVES {
+            self.looked = (self.looked + 1) % DRIVES;
+            if let Some(met) = self.differs(self.looked).await? {
+                return met;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whose settings are not what this run has set, where somebody's are: asked at once, whatever else has happened.
+    pub(super) async fn cause(&mut self) -> Option<String> {
+        for number in 0..DRIVES {
+            // The trip outweighs an instrument that does not answer now.
+            if let Ok(Some(Err(meddled))) = self.differs(number).await {
+                return Some(meddled.to_string());
+            }
+        }
+        None
+    }
+
+    /// Asks one of the instruments that drive a current; nothing where there is nothing that it was told.
+    async fn differs(&mut self, number: usize) -> Result<Option<Result<(), ExecuteError>>, ExecuteError> {
+        macro_rules! ask {
+            ($role:literal, $field:ident) => {{
+                let error = self.bench.error($role);
+                let Some(instrument) = self.bench.$field.as_mut().filter(|instrument| instrument.was_told()) else { return Ok(None) };
+                let met = instrument.differs().await.map_err(error)?;
+                Ok(Some(met.map_or(Ok(()), |met| Err(ExecuteError::Meddled { role: $role, met }))))
+            }};
+        }
+        match number {
+            0 => ask!("generator", generator),
+            1 => ask!("supply4q", supply4q),
+            2 => ask!("load", load),
+            _ => ask!("supply", supply),
+        }
+    }
+
+    /// The mean of a current of some hertz: a second reading, half a period after the first, where there is time for it.
+    pub(super) async fn watch_mean(&mut self, (first, left_s): (Reading, f64)) -> Result<(), ExecuteError> {
+        let Some((mean, half_s)) = self.interlock.allowed_mean().and_then(|mean| Some((mean, mean.pair_s()?))) else { return Ok(()) };
+        let took_s = self.clock.now_s() - first.time_s;
+        // Whole periods later is as good.
+        let wait_s = half_s + 2.0 * half_s * ((took_s - half_s) / (2.0 * half_s)).ceil().max(0.0);
+        if wait_s + 2.0 * READ_S > left_s {
+            return Ok(());
+        }
+        let error = self.bench.error("supply4q");
+        self.clock.sleep_s((first.time_s + wait_s - self.read_s - self.clock.now_s()).max(0.0)).await;
+        let (_, second) = require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?;
+        let value = 0.5 * (first.current_a.unwrap_or(f64::NAN) + second.value());
+        match mean.judge(value, self.clock.now_s()) {
+            Some(trip) => Err(trip.because(self.cause().await).into()),
+            None => Ok(()),
         }
     }
 
     pub(super) async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
         let error = self.bench.error("supply4q");
+        let start_s = self.clock.now_s();
         let (mut volts, amps) = require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?;
+        // The current is what was asked for last.
+        let time_s = self.clock.now_s();
+        self.read_s = time_s - start_s;
         // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at the jig.
         let error = self.bench.error("load");
         if let Some(load) = self.bench.load.as_mut() {
             let (seen, drawn) = load.measure().await.map_err(error)?;
             volts = seen;
+            self.shown_v = Some(seen.value());
             // As a voltmeter it draws nothing.
             self.no_current("current of the load", drawn.value())?;
         }
         let temperature_c = self.temperature_now_and_then().await?;
-        Ok(Reading { time_s: self.clock.now_s(), voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
+        Ok(Reading { time_s, voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
     }
 
     /// Trips where a current flows through an instrument that is off.
@@ -208,6 +288,22 @@ impl Executor<'_> {
             None => Ok(()),
         }
     }
+}
+
+/// What a meter may show of a current that is asked for, A: its gain and its zero error.
+pub(super) fn drawn(amps: f64) -> f64 {
+    METER_GAIN * amps + NO_CURRENT_A
+}
+
+/// What the mean of a sinusoid may be: the zero errors of supply and meter, and a tenth of its amplitude.
+fn mean(period_s: f64, amplitude_a: f64) -> Option<Mean> {
+    Some(Mean { period_s, greatest_a: (METER_GAIN - 1.0) * amplitude_a + NO_CURRENT_A })
+}
+
+/// The same of a multisine: readings a second apart miss its faster lines, whose effective value is at most about half of the peak.
+fn multisine_mean(period_s: f64, peak_a: f64) -> Option<Mean> {
+    let missed_a = CERTAIN * 0.5 * peak_a * (POLL_S / period_s).sqrt();
+    mean(period_s, peak_a).map(|mean| Mean { greatest_a: mean.greatest_a + missed_a, ..mean })
 }
 
 /// The period of a sinusoid whose readings must move, s; none for one that is too fast or too small.

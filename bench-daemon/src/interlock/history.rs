@@ -28,6 +28,42 @@ pub struct Settings {
     pub frozen_s: f64,
 }
 
+/// The mean of a periodic current.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mean {
+    /// Its period, s.
+    pub period_s: f64,
+    /// Greatest magnitude of the mean over a period, A.
+    pub greatest_a: f64,
+}
+
+impl Mean {
+    /// Readings a second apart are enough for a mean over one period.
+    fn followed(&self) -> bool {
+        self.period_s >= FOLLOWED_S
+    }
+
+    /// Half of the period, where two readings that far apart tell the mean: slower ones are followed reading by reading, and a faster one goes on too far while
+    /// a reading is under way.
+    pub fn pair_s(&self) -> Option<f64> {
+        (!self.followed() && self.period_s >= PAIR_S).then_some(0.5 * self.period_s)
+    }
+
+    /// Judges a mean.
+    pub fn judge(&self, value: f64, time_s: f64) -> Option<Trip> {
+        let greatest = self.greatest_a;
+        let what = "mean of the cell current";
+        (!(-greatest..=greatest).contains(&value)).then_some(Trip::Limit { what, value, unit: "A", least: -greatest, greatest, time_s })
+    }
+}
+
+/// Fewest readings in a period that give its mean.
+const FEWEST: f64 = 4.0;
+/// Shortest period over which readings somewhat more than a second apart give a mean, s.
+const FOLLOWED_S: f64 = 5.0;
+/// Shortest period of which two readings half of it apart give the mean, s: 20 ms by which one comes late are a twenty-fifth.
+const PAIR_S: f64 = 0.5;
+
 /// What the step in work may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Allowance {
@@ -43,6 +79,8 @@ pub struct Allowance {
     pub held_v: f64,
     /// The period of a sinusoid that is slow enough to be followed reading by reading, s: current and, of a cell, voltage must move with it.
     pub swing_s: Option<f64>,
+    /// What the mean of the current may be.
+    pub mean: Option<Mean>,
     /// The cell is in the jig: its voltage moves with the charge.
     pub cell: bool,
     /// The chiller is to change the temperature: its rate is not judged.
@@ -53,7 +91,8 @@ impl Allowance {
     /// Nothing may flow.
     pub fn idle(limits: Limits) -> Self {
         let charge_c = (f64::NEG_INFINITY, f64::INFINITY);
-        Self { limits, live: false, continues: false, charge_c, held_v: f64::INFINITY, swing_s: None, cell: true, tempering: false }
+        let held_v = f64::INFINITY;
+        Self { limits, live: false, continues: false, charge_c, held_v, swing_s: None, mean: None, cell: true, tempering: false }
     }
 }
 
@@ -88,6 +127,8 @@ pub struct Interlock {
     charge_c: f64,
     /// Current that was read last, with its bench time, s.
     current: Option<(f64, f64)>,
+    /// Bench times, s, and currents, A, of one period of the sinusoid in work.
+    period: VecDeque<(f64, f64)>,
     /// When something was read last, and when the temperature was, seconds of the machine.
     read_s: Option<f64>,
     temperature_s: f64,
@@ -111,6 +152,7 @@ impl Interlock {
             temperatures: VecDeque::new(),
             charge_c: 0.0,
             current: None,
+            period: VecDeque::new(),
             read_s: None,
             temperature_s: f64::NEG_INFINITY,
             voltage: Last::default(),
@@ -127,6 +169,9 @@ impl Interlock {
             // What was not read while nothing flowed is not late.
             self.read_s = Some(machine_s);
             self.temperature_s = self.temperature_s.max(machine_s);
+        }
+        if allowance.mean != self.allowance.mean || !allowance.continues {
+            self.period.clear();
         }
         if allowance.swing_s != self.allowance.swing_s {
             // What stood still under another current stood still rightly.
@@ -161,6 +206,7 @@ impl Interlock {
         judge(&self.allowance.limits, reading)
             .or(late)
             .or_else(|| self.rate(reading))
+            .or_else(|| self.mean(reading))
             .or_else(|| self.charge(reading.time_s))
             .or_else(|| self.frozen(reading))
     }
@@ -220,6 +266,34 @@ impl Interlock {
             greatest,
             time_s: reading.time_s,
         })
+    }
+
+    /// The mean over the last period, by the trapezoidal rule, as soon as a whole one was read.
+    fn mean(&mut self, reading: &Reading) -> Option<Trip> {
+        let mean = self.allowance.mean.filter(Mean::followed)?;
+        self.period.push_back((reading.time_s, reading.current_a?));
+        let from_s = reading.time_s - mean.period_s;
+        while self.period.get(1).is_some_and(|(time_s, _)| *time_s <= from_s) {
+            self.period.pop_front();
+        }
+        let pairs = || self.period.iter().zip(self.period.iter().skip(1));
+        // What came too seldom says nothing of a mean.
+        let apart_s = pairs().map(|(one, other)| other.0 - one.0).fold(0.0, f64::max);
+        if self.period.front().is_none_or(|(time_s, _)| *time_s > from_s) || apart_s > mean.period_s / FEWEST {
+            return None;
+        }
+        let part = |((t0, a0), (t1, a1)): (&(f64, f64), &(f64, f64))| {
+            // The first pair begins before the period does.
+            let start_s = t0.max(from_s);
+            let start_a = a0 + (a1 - a0) * (start_s - t0) / (t1 - t0);
+            0.5 * (start_a + a1) * (t1 - start_s)
+        };
+        mean.judge(pairs().map(part).sum::<f64>() / mean.period_s, reading.time_s)
+    }
+
+    /// What the mean of the current may be in the step in work.
+    pub fn allowed_mean(&self) -> Option<Mean> {
+        self.allowance.mean
     }
 
     fn charge(&self, time_s: f64) -> Option<Trip> {

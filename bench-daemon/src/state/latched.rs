@@ -63,6 +63,7 @@ impl Latched {
     pub fn of_trip(by: &str, trip: &Trip) -> Self {
         let latched = Self::new(by, &format!("interlock: {trip}"));
         match trip {
+            Trip::Caused { trip, .. } => Self { cause: latched.cause, ..Self::of_trip(by, trip) },
             Trip::Chiller { time_s, .. } => Self { bench_time_s: Some(*time_s), ..latched },
             Trip::Limit { what, value, unit, least, greatest, time_s } => {
                 let finite = |value: f64| Some(value).filter(|value| value.is_finite());

@@ -298,7 +298,7 @@ fn limits_beyond_the_cells_own_are_refused_and_useless_ones_are_loudly_said() {
         ("temperature_max = \"60 °C\"", "temperature_max = \"200 °C\"", "temperature_max = 200 °C is above 60 °C, "),
         ("\"5 K/min\"", "\"600 K/min\"", "interlock.temperature_rate_max = 600 K/min is above 20 K/min, "),
         ("charge_max = \"110 %\"", "charge_max = \"500 %\"", "interlock.charge_max = 500 % is above 125 %, more than any cell holds"),
-        ("charge_drift_max = \"2 %\"", "charge_drift_max = \"100 %\"", "interlock.charge_drift_max = 100 % is above 10 %, "),
+        ("charge_drift_max = \"0.5 %\"", "charge_drift_max = \"100 %\"", "interlock.charge_drift_max = 100 % is above 10 %, "),
         ("frozen_charge = \"2 %\"", "frozen_charge = \"100 %\"", "interlock.frozen_charge = 100 % is above 10 %, "),
         ("frozen_time = \"30 s\"", "frozen_time = \"3600 s\"", "interlock.frozen_time = 3600 s is above 300 s, "),
         ("reading_age_max = \"15 s\"", "reading_age_max = \"600 s\"", "interlock.reading_age_max = 600 s is above 60 s, "),

@@ -42,9 +42,9 @@ fn the_curve_is_the_truth_within_two_millivolts_and_the_interruptions_tell_the_r
     let report = std::fs::read_to_string(run.join("report.html")).unwrap();
     assert!(report.contains("<svg") && report.contains("Interruptions of the discharge"));
     assert!(run.join("plots/ocv.svg").exists() && !run.join("ocv.svg").exists());
-    // No hysteresis is hidden in this cell.
+    // No hysteresis is hidden in this cell: none is found beyond what the curve may be off.
     let half_v = found["extraction"]["charge"]["median_v"].as_f64().unwrap();
-    assert!(half_v.abs() < 1.0e-3, "{half_v}");
+    assert!(half_v.abs() < 2.0e-3, "{half_v}");
     let down = read_legs_csv(&run.join("ocv_discharge.bdf.csv")).unwrap();
     let drawn_c = -down.last().unwrap().charge_c;
     assert!((drawn_c / 16_200.0 - 1.0).abs() < 5.0e-3, "{drawn_c} C");

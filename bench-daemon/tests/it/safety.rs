@@ -63,8 +63,8 @@ impl Case {
     }
 }
 
-const NEARLY_FULL: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.95");
-const NEARLY_EMPTY: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.03");
+const NEARLY_FULL: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.975");
+const NEARLY_EMPTY: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.015");
 /// Nobody looks whether a reading moves with a slow sinusoid.
 const BLIND: (&str, &str) = ("frozen_time = \"30 s\"", "frozen_time = \"3600 s\"");
 const WEAK: (&str, &str, &str) = (SCENARIO, "[cell]", "[cell]\ngreatest_charge_a = 5.0");
@@ -73,8 +73,8 @@ const WEAK: (&str, &str, &str) = (SCENARIO, "[cell]", "[cell]\ngreatest_charge_a
 fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_charges() {
     let case = Case {
         files: || sweep(20),
-        faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.6 }",
-        common: &[("charge_drift_max = \"2 %\"", "charge_drift_max = \"1000 %\"")],
+        faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
+        common: &[("charge_drift_max = \"0.5 %\"", "charge_drift_max = \"1000 %\"")],
         with: &[NEARLY_FULL, (CELL, "voltage_max = \"4.2 V\"", "voltage_max = \"4.15 V\"")],
         without: &[NEARLY_FULL, (CELL, "voltage_max = \"4.2 V\"", "voltage_max = \"4.9 V\"")],
         trip: "cell voltage 4.15",
@@ -87,11 +87,11 @@ fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_charges() {
 fn only_the_charge_balance_saves_a_cell_whose_voltmeter_has_stopped() {
     let case = Case {
         files: || sweep(20),
-        faults: "[faults]\nvoltmeter_freezes_s = 55.0\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.6 }",
+        faults: "[faults]\nvoltmeter_freezes_s = 55.0\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
         common: &[("frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\""), BLIND],
         with: &[NEARLY_FULL],
-        without: &[NEARLY_FULL, (CELL, "charge_drift_max = \"2 %\"", "charge_drift_max = \"1000 %\"")],
-        trip: "net charge of the step 3",
+        without: &[NEARLY_FULL, (CELL, "charge_drift_max = \"0.5 %\"", "charge_drift_max = \"1000 %\"")],
+        trip: "net charge of the step 8",
         harm: AbuseKind::OverVoltage,
     };
     case.prove();
@@ -119,8 +119,8 @@ fn only_the_current_limit_saves_a_cell_from_a_supply_that_runs_away() {
         common: &[BLIND],
         with: &[WEAK],
         // Nobody sees the current.
-        without: &[WEAK, (SCENARIO, "[faults]", "[faults]\nammeter_freezes_s = 55.0")],
-        trip: "cell current 2.",
+        without: &[WEAK, (SCENARIO, "[faults]", "[faults]\nammeter_freezes_s = 5.0")],
+        trip: "cell current 1.",
         harm: AbuseKind::OverCharge,
     };
     case.prove();
@@ -195,8 +195,8 @@ fn only_the_chillers_own_word_saves_a_cell_that_is_no_longer_cooled() {
 fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_discharges() {
     let case = Case {
         files: || sweep(20),
-        faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = -0.05, greatest_a = 0.6 }",
-        common: &[("charge_drift_max = \"2 %\"", "charge_drift_max = \"1000 %\"")],
+        faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = -0.05, greatest_a = 0.15 }",
+        common: &[("charge_drift_max = \"0.5 %\"", "charge_drift_max = \"1000 %\"")],
         with: &[NEARLY_EMPTY, (CELL, "voltage_min = \"2.5 V\"", "voltage_min = \"2.6 V\"")],
         without: &[NEARLY_EMPTY, (CELL, "voltage_min = \"2.5 V\"", "voltage_min = \"0.5 V\"")],
         trip: "cell voltage 2.5",
@@ -209,7 +209,7 @@ fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_discharges() {
 fn only_the_look_at_frozen_values_saves_a_cell_in_a_sweep_whose_ammeter_has_stopped() {
     let case = Case {
         files: || sweep(2),
-        faults: "[faults]\nammeter_freezes_s = 55.0\nbipolar_drifts = { from_s = 100.0, a_per_s = 0.05, greatest_a = 12.0 }",
+        faults: "[faults]\nammeter_freezes_s = 5.0\nbipolar_drifts = { from_s = 100.0, a_per_s = 0.05, greatest_a = 12.0 }",
         common: &[],
         with: &[WEAK],
         without: &[WEAK, (CELL, BLIND.0, BLIND.1)],
@@ -223,9 +223,9 @@ fn only_the_look_at_frozen_values_saves_a_cell_in_a_sweep_whose_ammeter_has_stop
 fn only_the_look_at_frozen_values_saves_a_cell_in_a_sweep_whose_voltmeter_has_stopped() {
     let case = Case {
         files: || sweep(20),
-        faults: "[faults]\nvoltmeter_freezes_s = 55.0\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.6 }",
+        faults: "[faults]\nvoltmeter_freezes_s = 55.0\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
         common: &[
-            ("charge_drift_max = \"2 %\"", "charge_drift_max = \"1000 %\""),
+            ("charge_drift_max = \"0.5 %\"", "charge_drift_max = \"1000 %\""),
             ("frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\""),
         ],
         with: &[NEARLY_FULL],

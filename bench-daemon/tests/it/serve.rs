@@ -190,7 +190,7 @@ fn a_stop_ends_the_run_reads_every_output_back_and_holds_the_queue() {
     let report = served.post("/benches/demo/stop", "").expect(200).json();
     assert_eq!((&report["verified"], &report["over"]), (&true.into(), &true.into()), "{report}");
     let roles: Vec<_> = report["outputs"].as_array().unwrap().iter().map(|output| output["role"].as_str().unwrap()).collect();
-    assert_eq!(roles, ["supply4q", "load", "supply", "generator"]);
+    assert_eq!(roles, ["supply4q", "generator", "load", "supply"]);
     ports.assert_outputs_off();
     let ended = served.ended(&run);
     assert!(ended["finished"] == false && ended["how"].as_str().unwrap().contains("stopped on request"), "{ended}");

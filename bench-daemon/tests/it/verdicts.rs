@@ -283,7 +283,7 @@ fn more_current_than_the_step_asked_for_trips_at_once() {
     let ended = files.run("run");
     ended.expect_code(5);
     let message = ended.message();
-    assert!(message.contains("interlock: cell current") && message.contains("left its limits (-2"), "{message}");
+    assert!(message.contains("interlock: cell current") && message.contains("left its limits (-1.22"), "{message}");
     ports.assert_outputs_off();
 }
 

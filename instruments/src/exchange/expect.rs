@@ -50,6 +50,18 @@ pub enum Expect {
     },
 }
 
+/// Fields of a generator's answer, in words, and their units.
+const KEYS: [(&str, &str, &str); 3] = [("FRQ", "frequency", "Hz"), ("AMP", "amplitude", "Vpp"), ("OFST", "offset", "V")];
+/// The ends of questions that are answered by a number, the same.
+const QUESTIONS: [(&str, &str, &str); 6] = [
+    (":FREQ?", "frequency", "Hz"),
+    (":VOLT:OFFS?", "offset", "V"),
+    (":VOLT?", "amplitude or voltage", "V"),
+    (":CURR:LEV:IMM?", "current", "A"),
+    (":POW:LEV:IMM?", "power", "W"),
+    (":CURR?", "current", "A"),
+];
+
 impl Expect {
     /// A number that was to be set and is none: no instrument may see it.
     pub(super) fn not_finite(&self) -> Option<f64> {
@@ -57,6 +69,25 @@ impl Expect {
             Self::Number { value, .. } | Self::Magnitude { value, .. } => Some(*value).filter(|value| !value.is_finite()),
             Self::Fields(fields) => fields.iter().map(|(_, value, _)| *value).find(|value| !value.is_finite()),
             Self::All(all) => all.iter().find_map(Self::not_finite),
+            _ => None,
+        }
+    }
+
+    /// What a number in an answer is that is not what it was set to, in the words of a bench; none where there are no such words.
+    pub(super) fn other(&self, question: &str, answer: &str) -> Option<String> {
+        let words = |name: &str, found: &str, set: f64, unit: &str| format!("its {name} is {found}, this run set {set} {unit}");
+        match self {
+            Self::Fields(fields) => fields.iter().find_map(|(key, value, tolerance)| {
+                let text = field(answer, key)?;
+                let (name, unit) = KEYS.iter().find(|(known, ..)| known == key).map(|(_, name, unit)| (*name, *unit))?;
+                judge_number(text, *value, *tolerance, key).is_err().then(|| words(name, text, *value, unit))
+            }),
+            Self::Number { value, tolerance } => {
+                let (_, name, unit) = QUESTIONS.iter().find(|(end, ..)| question.ends_with(end))?;
+                let wrong = judge_number(answer, *value, *tolerance, name).is_err();
+                wrong.then(|| words(name, answer.trim(), *value, unit))
+            }
+            Self::All(all) => all.iter().find_map(|expect| expect.other(question, answer)),
             _ => None,
         }
     }

@@ -4,7 +4,7 @@ mod keysight_33500b;
 mod siglent_sdg;
 
 use crate::{
-    exchange::{Answer, Exchange, forget_errors, look, play, play_all},
+    exchange::{Answer, Exchange, Told, forget_errors, look, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Hertz, Volts},
@@ -106,9 +106,10 @@ impl Instrument<dyn Dialect> {
     /// The link's; a read-back that differs.
     pub async fn sine(&mut self, sine: &Sine) -> Result<(), LinkError> {
         let script = self.dialect.sine(self.output_channel(), sine);
-        match play(&mut self.link, &script).await {
+        self.forget_signal();
+        match self.tell(&script).await {
             // The amplitude is clamped by the offset that it finds and the other way round; once more, and each finds the new one.
-            Err(LinkError::ReadBack { .. }) => play(&mut self.link, &script).await,
+            Err(LinkError::ReadBack { .. }) => self.tell(&script).await,
             outcome => outcome,
         }
     }
@@ -124,7 +125,8 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::sine`].
     pub async fn wave(&mut self, wave: &Wave) -> Result<(), LinkError> {
         let script = self.dialect.wave(self.output_channel(), wave);
-        play(&mut self.link, &script).await
+        self.forget_signal();
+        self.tell(&script).await
     }
 
     /// As near to a steady offset as the instrument comes: its least sine, never another waveform that could bring an old amplitude back.
@@ -133,6 +135,7 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::sine`].
     pub async fn quiet(&mut self, offset: Volts) -> Result<(), LinkError> {
         let script = self.dialect.quiet(self.output_channel(), offset);
+        self.forget_signal();
         play_all(&mut self.link, &script).await
     }
 
@@ -143,7 +146,7 @@ impl Instrument<dyn Dialect> {
     pub async fn output(&mut self, on: bool) -> Result<(), LinkError> {
         forget_errors(&mut self.link).await?;
         let script = self.dialect.output(self.output_channel(), on);
-        play(&mut self.link, &script).await
+        self.tell(&script).await
     }
 
     /// Output off. Safe at any time, also twice.
@@ -152,6 +155,7 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::sine`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         let script = self.dialect.output(self.output_channel(), false);
+        self.told = Told::default();
         play_all(&mut self.link, &script).await
     }
 
@@ -162,6 +166,12 @@ impl Instrument<dyn Dialect> {
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
         let script = self.dialect.output(self.output_channel(), false);
         look(&mut self.link, &script).await
+    }
+
+    /// What is known of the signal is no longer so; what is known of the output is.
+    fn forget_signal(&mut self) {
+        let script = self.dialect.output(self.output_channel(), true);
+        self.told.keep(&script);
     }
 
     /// The first of the channels in use; 1 where none was named.

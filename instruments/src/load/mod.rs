@@ -4,7 +4,7 @@ mod rigol_dl3000;
 mod siglent_sdl;
 
 use crate::{
-    exchange::{Answer, Bound, Exchange, Way, look, play, play_all},
+    exchange::{Answer, Bound, Exchange, Told, Way, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Volts, Watts},
@@ -75,7 +75,10 @@ impl Instrument<dyn Dialect> {
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, discharge: &Discharge) -> Result<(), LinkError> {
         play(&mut self.link, &self.dialect.input(false)).await?;
-        play(&mut self.link, &self.dialect.prepare(discharge)).await
+        self.told = Told::default();
+        play(&mut self.link, &self.dialect.prepare(discharge)).await?;
+        self.told.add(&self.dialect.level(discharge.draw));
+        Ok(())
     }
 
     /// Another level, read back, whether the input is on or off.
@@ -83,7 +86,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn level(&mut self, draw: Draw) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.level(draw)).await
+        self.tell(&self.dialect.level(draw)).await
     }
 
     /// Makes it a voltmeter for a cell; the input stays off.
@@ -99,7 +102,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn energise(&mut self) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.input(true)).await
+        self.tell(&self.dialect.input(true)).await
     }
 
     /// Input off. Safe at any time, also twice.
@@ -107,6 +110,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
+        self.told = Told::default();
         play_all(&mut self.link, &self.dialect.input(false)).await
     }
 

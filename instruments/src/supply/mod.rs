@@ -5,7 +5,7 @@ mod rigol_dp832;
 mod siglent_spd;
 
 use crate::{
-    exchange::{Answer, Bound, Exchange, Way, forget_errors, look, play, play_all},
+    exchange::{Answer, Bound, Exchange, Told, Way, forget_errors, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Volts},
@@ -67,7 +67,8 @@ impl Instrument<dyn Dialect> {
     pub async fn prepare(&mut self, charge: &Charge) -> Result<(), LinkError> {
         forget_errors(&mut self.link).await?;
         play(&mut self.link, &self.dialect.output(false)).await?;
-        play(&mut self.link, &self.dialect.prepare(charge)).await
+        self.told = Told::default();
+        self.tell(&self.dialect.prepare(charge)).await
     }
 
     /// Another current limit, read back, whether the output is on or off.
@@ -75,7 +76,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn level(&mut self, current: Amps) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.level(current)).await
+        self.tell(&self.dialect.level(current)).await
     }
 
     /// Output on.
@@ -83,7 +84,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn energise(&mut self) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.output(true)).await
+        self.tell(&self.dialect.output(true)).await
     }
 
     /// Output off. Safe at any time, also twice.
@@ -91,6 +92,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
+        self.told = Told::default();
         play_all(&mut self.link, &self.dialect.output(false)).await
     }
 

@@ -7,7 +7,7 @@ mod caenels;
 mod kepco;
 
 use crate::{
-    exchange::{Answer, Bound, Exchange, Way, after_header, forget_errors, look, play, play_all},
+    exchange::{Answer, Bound, Exchange, Told, Way, after_header, forget_errors, look, play, play_all},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Hertz, Volts},
@@ -121,8 +121,9 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn energise(&mut self) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.analog(true)).await?;
-        play(&mut self.link, &self.dialect.output(true)).await
+        self.told = Told::default();
+        self.tell(&self.dialect.analog(true)).await?;
+        self.tell(&self.dialect.output(true)).await
     }
 
     /// Output off, read back; then back to the digital set-point. Safe at any time, also twice.
@@ -130,6 +131,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`]; everything is sent whatever fails in between.
     pub async fn safe(&mut self) -> Result<(), LinkError> {
+        self.told = Told::default();
         let off = play_all(&mut self.link, &self.dialect.output(false)).await;
         let digital = play_all(&mut self.link, &self.dialect.analog(false)).await;
         off.and(digital)
