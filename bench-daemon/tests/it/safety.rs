@@ -119,7 +119,7 @@ fn only_the_current_limit_saves_a_cell_from_a_supply_that_runs_away() {
         common: &[BLIND],
         with: &[WEAK],
         // Nobody sees the current.
-        without: &[WEAK, (SCENARIO, "[faults]", "[faults]\nammeter_freezes_s = 5.0")],
+        without: &[WEAK, (SCENARIO, "[faults]", "[faults]\nammeter_freezes_s = 3.0")],
         trip: "cell current 1.",
         harm: AbuseKind::OverCharge,
     };
@@ -209,7 +209,7 @@ fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_discharges() {
 fn only_the_look_at_frozen_values_saves_a_cell_in_a_sweep_whose_ammeter_has_stopped() {
     let case = Case {
         files: || sweep(2),
-        faults: "[faults]\nammeter_freezes_s = 5.0\nbipolar_drifts = { from_s = 100.0, a_per_s = 0.05, greatest_a = 12.0 }",
+        faults: "[faults]\nammeter_freezes_s = 3.0\nbipolar_drifts = { from_s = 100.0, a_per_s = 0.05, greatest_a = 12.0 }",
         common: &[],
         with: &[WEAK],
         without: &[WEAK, (CELL, BLIND.0, BLIND.1)],
