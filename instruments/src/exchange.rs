@@ -246,6 +246,11 @@ impl Told {
     /// The link's.
     pub async fn differs(&self, link: &mut Link) -> Result<Option<String>, LinkError> {
         for (question, expect) in &self.0 {
+            let first = link.query(question).await?;
+            if expect.judge(&first).is_ok() {
+                continue;
+            }
+            // One answer may be garbled on its way: only two make a difference.
             let answer = link.query(question).await?;
             if let Err(expected) = expect.judge(&answer) {
                 let words = expect.other(question, &answer);

@@ -19,7 +19,15 @@ pub(super) fn faults(source: &Source, raw: &raw_bench::Faults) -> Result<Schedul
         return Err(source.complain("simulation.faults.role", format!("expected the role of an instrument, found {role:?}")));
     }
     let from_s = raw.from.map_or(0.0, |from| from.si);
-    Ok(Schedule { seed: raw.seed, per_message: raw.per_message, most: raw.most, faults, role: raw.role.clone(), from_s })
+    Ok(Schedule {
+        seed: raw.seed,
+        per_message: raw.per_message,
+        most: raw.most,
+        faults,
+        role: raw.role.clone(),
+        from_s,
+        ..Schedule::default()
+    })
 }
 
 /// What the mocks are told, by role; each is checked against what its model has.

@@ -7,7 +7,10 @@
 
 use std::{
     collections::BTreeMap,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use super::{Device, MakeError, MockOptions, Model, make, model, plant::SharedPlant};
@@ -98,11 +101,36 @@ pub struct Schedule {
     pub role: Option<String>,
     /// Not before this bench time, s.
     pub from_s: f64,
+    /// Which of the things that another client may do; left to chance without it.
+    pub variant: Option<usize>,
+    /// Whoever mends the instruments.
+    pub mended: Mended,
+}
+
+/// A switch that ends every fault and every lie of a bench; clones are the same switch.
+#[derive(Debug, Clone, Default)]
+pub struct Mended(Arc<AtomicBool>);
+
+impl Mended {
+    /// From now on the instruments are sound.
+    pub fn mend(&self) {
+        self.0.store(true, Ordering::SeqCst);
+    }
+
+    fn is_so(&self) -> bool {
+        self.0.load(Ordering::SeqCst)
+    }
+}
+
+impl PartialEq for Mended {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0) || self.is_so() == other.is_so()
+    }
 }
 
 impl Default for Schedule {
     fn default() -> Self {
-        Self { seed: 0, per_message: 0.0, most: 0, faults: Vec::new(), role: None, from_s: 0.0 }
+        Self { seed: 0, per_message: 0.0, most: 0, faults: Vec::new(), role: None, from_s: 0.0, variant: None, mended: Mended::default() }
     }
 }
 
@@ -266,6 +294,9 @@ impl Device for Troubled {
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
+        if self.schedule.mended.is_so() {
+            return self.device.handle(now_s, message);
+        }
         if self.lies.stuck && switches_off(message) {
             // It says that it has done so where it answers every command.
             return if message.starts_with(b"MOFF") { b"#AK\r\n".to_vec() } else { Vec::new() };
@@ -301,7 +332,10 @@ impl Device for Troubled {
 
     fn trouble(&mut self, now_s: f64, message: &[u8]) -> Option<Trouble> {
         let (chance, which, share) = (self.uniform(), self.uniform(), self.uniform());
-        let may = now_s >= self.schedule.from_s && self.happened < self.schedule.most && chance < self.schedule.per_message;
+        let may = !self.schedule.mended.is_so()
+            && now_s >= self.schedule.from_s
+            && self.happened < self.schedule.most
+            && chance < self.schedule.per_message;
         if !may || self.schedule.faults.is_empty() {
             return None;
         }
@@ -335,7 +369,7 @@ impl Device for Troubled {
             Fault::OffsetDrift => self.plant.lock().unwrap_or_else(PoisonError::into_inner).drift(now_s, DRIFT),
             Fault::SecondClient => {
                 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "an index")]
-                let which = (share * self.known.meddling.len() as f64) as usize;
+                let which = self.schedule.variant.unwrap_or((share * self.known.meddling.len() as f64) as usize);
                 for meddled in self.known.meddling.get(which).copied().unwrap_or_default() {
                     self.device.handle(now_s, meddled.as_bytes());
                 }
