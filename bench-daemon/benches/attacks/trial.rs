@@ -267,7 +267,7 @@ pub(crate) fn stand(program: &str, attack: &Attack, usual: &Usual) -> Row {
     let wrong = wrong_points(&shares, lock(usual).get(&attack.job), &text);
     mended.mend();
     let resumed =
-        if code == Some(0) { "–".to_owned() } else { resume(program, (folder.path(), &served), lock(usual).get(&attack.job).cloned()) };
+        if code == Some(0) { "–".to_owned() } else { resume(program, (folder.path(), &served), lock(usual).get(&attack.job).cloned().as_ref()) };
     Row {
         name: attack.name(),
         job: attack.job,
@@ -290,16 +290,20 @@ fn start(program: &str, words: &[&std::ffi::OsStr]) -> Child {
 }
 
 #[expect(clippy::disallowed_methods, reason = "other processes are waited for, which know no bench time")]
-fn wait(mut done: impl FnMut() -> bool) {
+fn wait_at_most(most: Duration, mut done: impl FnMut() -> bool) {
     let start = Instant::now();
-    while start.elapsed() < PATIENCE && !done() {
+    while start.elapsed() < most && !done() {
         std::thread::sleep(Duration::from_millis(20));
     }
 }
 
+fn wait(done: impl FnMut() -> bool) {
+    wait_at_most(PATIENCE, done);
+}
+
 /// How a process ends, killed when it does not within the patience, and what it has said.
 fn ended(child: &mut Child) -> (Option<i32>, String) {
-    let said = [child.stdout.take().map(|stdout| listen(stdout)), child.stderr.take().map(|stderr| listen(stderr))];
+    let said = [child.stdout.take().map(listen), child.stderr.take().map(listen)];
     let mut status = None;
     wait(|| {
         status = child.try_wait().ok().flatten();
@@ -310,8 +314,7 @@ fn ended(child: &mut Child) -> (Option<i32>, String) {
         let _ = child.wait();
     }
     // A guardian that goes on may hold the pipes: what was said until now is enough.
-    let start = Instant::now();
-    wait(|| said.iter().flatten().all(|(reader, _)| reader.is_finished()) || start.elapsed() > LINGER);
+    wait_at_most(LINGER, || said.iter().flatten().all(|(reader, _)| reader.is_finished()));
     let text = said.iter().flatten().map(|(_, text)| lock(text).clone()).collect::<String>();
     (status.and_then(|status| status.code()), text)
 }
@@ -392,14 +395,14 @@ fn wrong_points(shares: &[(f64, Complex64)], usual: Option<&Vec<Complex64>>, sai
 }
 
 /// Clears the latch, with every instrument sound again, and goes on with the run.
-fn resume(program: &str, (folder, served): (&Path, &Served), usual: Option<Vec<Complex64>>) -> String {
+fn resume(program: &str, (folder, served): (&Path, &Served), usual: Option<&Vec<Complex64>>) -> String {
     let bench = folder.join("benches/demo.toml");
     let _ = ended(&mut start(program, &["safe".as_ref(), bench.as_os_str(), "--kill".as_ref()]));
     let _ = ended(&mut start(program, &["clear".as_ref(), bench.as_os_str(), "--yes".as_ref()]));
     let run = folder.join("run");
     let (code, text) = ended(&mut start(program, &["resume".as_ref(), run.as_os_str()]));
     let shares = shares(&run, served);
-    let (points, wrong) = (shares.len(), wrong_points(&shares, usual.as_ref(), &text));
+    let (points, wrong) = (shares.len(), wrong_points(&shares, usual, &text));
     match code {
         Some(0) if wrong == 0 => format!("finished, {points} points right"),
         Some(0) => format!("finished, {wrong} of {points} points wrong"),

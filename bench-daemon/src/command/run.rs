@@ -9,6 +9,7 @@ mod gathered;
 mod manifest;
 mod multisine;
 mod past;
+mod persevere;
 mod play;
 mod results;
 mod session;

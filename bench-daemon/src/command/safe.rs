@@ -40,7 +40,7 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
     if bench.in_process() {
         let message = format!("{} is simulated in the process that runs it: there is nothing to switch off", bench.name);
         if args.json {
-            let report = SafeReport { bench: bench.name.clone(), verified: true, message, outputs: Vec::new() };
+            let report = SafeReport { bench: bench.name, verified: true, message, outputs: Vec::new() };
             say!("{}", serde_json::to_string(&report).unwrap_or_default());
         } else {
             say!("{message}");

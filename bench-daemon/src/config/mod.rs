@@ -64,8 +64,23 @@ pub struct Experiment {
     pub fit: Fit,
     /// The order of the fitted model that is diagnosed with the run's own data at its end, where that is asked for.
     pub diagnosed_rc: Option<usize>,
+    /// What it does by itself when something has ended it.
+    pub perseverance: Perseverance,
     /// The files that this was read from.
     pub sources: Vec<Source>,
+}
+
+/// When a run that something has ended goes on by itself. After what has touched a limit of the cell, and where an output is not known to be off, it never does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Perseverance {
+    /// How often after faults of the wire, which pass.
+    pub passing: usize,
+    /// The wait before that, s.
+    pub pause_s: f64,
+    /// How often after other things that an instrument did.
+    pub most: usize,
+    /// The wait before that, s.
+    pub after_s: f64,
 }
 
 /// A cell and what may be done to it.

@@ -30,6 +30,16 @@ pub(super) struct Experiment {
     #[serde(default)]
     pub(super) fit: Fit,
     pub(super) diagnosis: Option<Diagnosis>,
+    pub(super) resume: Option<Resume>,
+}
+
+/// When a run goes on by itself.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Resume {
+    pub(super) after: Quantity<Duration>,
+    pub(super) most: usize,
+    pub(super) passing: Option<usize>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -6,7 +6,7 @@ use analysis::ocv::OcvCurve;
 use fixtures::Scenario;
 use instruments::transport::Address;
 
-use super::{Cell, ConfigError, Experiment, Instruments, Source, check::Check, limits, raw, resolve_bench::resolve_bench};
+use super::{Cell, ConfigError, Experiment, Instruments, Perseverance, Source, check::Check, limits, raw, resolve_bench::resolve_bench};
 use crate::interlock::Limits;
 
 /// Reads an experiment with its bench (or another one in its place) and its cell.
@@ -66,8 +66,10 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
     }
     let fit = check.fit(&raw.fit, eis.as_ref().map_or(usize::MAX, |eis| eis.freqs_hz.len()))?;
     let diagnosed_rc = raw.diagnosis.as_ref().map(|section| check.diagnosis(section, &fit, eis.as_ref())).transpose()?;
+    let perseverance = perseverance(&source, raw.resume.as_ref())?;
     Ok(Experiment {
         name: raw.name,
+        perseverance,
         seed: raw.seed,
         bench,
         cell,
@@ -83,6 +85,23 @@ pub fn resolve_experiment(source: Source, other_bench: Option<&Path>) -> Result<
         diagnosed_rc,
         sources: [source, bench_source, cell_source].into_iter().chain(scenario.map(|(file, _)| file)).chain(trace_sources).collect(),
     })
+}
+
+/// Unless they are typed: so often after a fault that passes, and so long after it, s, for an instrument to notice that its client has gone.
+const PASSING: (usize, f64) = (5, 5.0);
+
+fn perseverance(source: &Source, raw: Option<&raw::Resume>) -> Result<Perseverance, ConfigError> {
+    let within = |field: &str, value: f64, (least, greatest): (f64, f64), unit: &str| {
+        let reason = || format!("expected {least}{unit} to {greatest}{unit}, found {value}{unit}");
+        (least..=greatest).contains(&value).then_some(()).ok_or_else(|| source.complain(&format!("resume.{field}"), reason()))
+    };
+    let none = Perseverance { passing: PASSING.0, pause_s: PASSING.1, most: 0, after_s: 0.0 };
+    let Some(raw) = raw else { return Ok(none) };
+    within("after", raw.after.si, (5.0, 86_400.0), " s")?;
+    within("most", raw.most as f64, (0.0, 20.0), "")?;
+    let passing = raw.passing.unwrap_or(none.passing);
+    within("passing", passing as f64, (0.0, 100.0), "")?;
+    Ok(Perseverance { passing, most: raw.most, after_s: raw.after.si, ..none })
 }
 
 /// The scenario of a simulated bench, checked, and the file that it is in.

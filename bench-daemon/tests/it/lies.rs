@@ -47,3 +47,17 @@ fn a_charger_that_does_not_go_off_is_brought_to_zero_by_its_current() {
     assert!(lived.ended.contains("since it was given its current at 0, it is limited to "), "{}", lived.ended);
     assert_eq!(lived.witness.abuse, []);
 }
+
+#[test]
+fn an_answer_that_comes_too_late_does_not_end_the_night() {
+    let mut told = 0;
+    for (fault, role) in [("too_late", "supply4q"), ("reset", "generator"), ("lose_reply", "load"), ("half_close", "scope"), ("garble", "logger")] {
+        let files = Files::short(3);
+        let lived = live(&files, (fault, role, "12 s"));
+        assert_eq!(lived.code, 0, "{fault} of {role}: {}", lived.ended);
+        told += usize::from(files.text("run/report.html").contains("went on by itself (1 of 5 for faults that pass) after: "));
+        assert_eq!(lived.witness.abuse, []);
+    }
+    // What the link mends by itself is none of the run's business; the others are told.
+    assert!(told >= 2, "{told}");
+}

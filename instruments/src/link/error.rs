@@ -217,6 +217,15 @@ impl LinkError {
         )
     }
 
+    /// It may be over when the instrument is asked again on a new connection: what was lost, late or garbled on the way, or was left in a queue. A setting that an
+    /// instrument does not take, and a message that is none, stay what they are.
+    pub fn may_pass(&self) -> bool {
+        !matches!(
+            self,
+            Self::VirtualTime { .. } | Self::Unsendable { .. } | Self::Malformed { .. } | Self::Forbidden { .. } | Self::ReadBack { .. }
+        )
+    }
+
     /// An answer that a driver cannot use.
     pub fn unexpected(link: &str, asked: &str, answered: &str, expected: &str) -> Self {
         let (link, asked) = (link.to_owned(), asked.to_owned());

@@ -201,8 +201,12 @@ pub fn make_troubled(
         Some(role) if role != known.role => Schedule { most: 0, ..schedule.clone() },
         _ => schedule.clone(),
     };
-    // Each model's own sequence.
-    let random = key.bytes().fold(schedule.seed ^ 0x9e37_79b9_7f4a_7c15, |state, byte| mix(state ^ u64::from(byte)));
+    // Each model's own sequence, and another one when it is made again after something has happened.
+    let (before, happened) = {
+        let log = log.lock().unwrap_or_else(PoisonError::into_inner);
+        (log.len() as u64, log.iter().filter(|happened| happened.model == known.key).count())
+    };
+    let random = key.bytes().fold(mix(before) ^ schedule.seed ^ 0x9e37_79b9_7f4a_7c15, |state, byte| mix(state ^ u64::from(byte)));
     Ok(Box::new(Troubled {
         device,
         plant,
@@ -211,7 +215,7 @@ pub fn make_troubled(
         schedule,
         lies: Lies::default(),
         random,
-        happened: 0,
+        happened,
         log: log.clone(),
     }))
 }

@@ -29,6 +29,8 @@ pub(crate) struct Past {
     pub(super) next: Next,
     /// A person has looked at the cell.
     accepted: bool,
+    /// What it goes on after, where it does so by itself.
+    after: Option<String>,
 }
 
 /// The stages of a plan, each by the first digits of the hash of everything that it holds.
@@ -69,7 +71,12 @@ impl Past {
         let accepted = accept_charge;
         let accept_charge = accept_charge || story.started.time == TimeMode::Virtual.to_string();
         let next = story.next(plan.plan(), recorded, accept_charge).map_err(|stuck| usage(stuck.to_string()))?;
-        Ok((experiment, Self { read, story, next, accepted }))
+        Ok((experiment, Self { read, story, next, accepted, after: None }))
+    }
+
+    /// The same, going on by itself after what is said so.
+    pub(super) fn after(self, text: String) -> Self {
+        Self { after: Some(text), ..self }
     }
 
     /// Bench time at which the run goes on, s: in real time as if it had gone on all the while, on scaled mocks the time of the last entry.
@@ -129,6 +136,9 @@ impl Past {
         let points: usize = self.story.stages.values().map(|stage| stage.points.len()).sum();
         let text = format!("the run goes on {open}{again}; {points} points were finished before");
         tracing::info!("{text}");
+        if let Some(after) = &self.after {
+            recorder.warning(after);
+        }
         recorder.event(&text)?;
         Ok(recorder.journal(Entry::Resumed { text })?)
     }

@@ -26,8 +26,8 @@ use crate::{
 
 /// Runs on one bench, one after the other: time goes on from run to run, and so does a simulated world; the bench's correction stays.
 pub struct Session {
-    runtime: Option<Runtime>,
-    clock: Clock,
+    pub(super) runtime: Option<Runtime>,
+    pub(super) clock: Clock,
     simulation: Option<Simulation>,
     correction: Option<Correction>,
 }
@@ -71,7 +71,8 @@ impl Session {
     /// # Errors
     /// As [`super::run`].
     pub fn run(&mut self, experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
-        self.play(experiment, folder, None)
+        let outcome = self.play(experiment, folder, None);
+        self.persevere((experiment, folder), outcome)
     }
 
     /// Goes on with a run in its folder.
@@ -79,10 +80,11 @@ impl Session {
     /// # Errors
     /// As [`super::run`].
     pub(crate) fn go_on(&mut self, experiment: &Experiment, folder: &Path, past: Past) -> Result<Finished, Failure> {
-        self.play(experiment, folder, Some(past))
+        let outcome = self.play(experiment, folder, Some(past));
+        self.persevere((experiment, folder), outcome)
     }
 
-    fn play(&mut self, experiment: &Experiment, folder: &Path, past: Option<Past>) -> Result<Finished, Failure> {
+    pub(super) fn play(&mut self, experiment: &Experiment, folder: &Path, past: Option<Past>) -> Result<Finished, Failure> {
         let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
         experiment.cell.wide.iter().for_each(|text| remark!("note: {text}"));
         let operator = Operator::detect();
