@@ -106,6 +106,10 @@ pub struct Executor<'a> {
     looked: usize,
     /// How long the last reading of the bipolar supply took, s.
     read_s: f64,
+    /// The step in work may be ended in its middle on request.
+    ends_early: bool,
+    /// When it was looked for such a request last, bench s.
+    heeded_s: f64,
     /// What the voltmeter at the jig has shown last, V.
     shown_v: Option<f64>,
     /// What the power-up in work allows of the current, A.
@@ -176,6 +180,8 @@ impl<'a> Executor<'a> {
             watched_s: f64::NEG_INFINITY,
             looked: 0,
             read_s: 0.0,
+            ends_early: false,
+            heeded_s: f64::NEG_INFINITY,
             shown_v: None,
             powered_a: None,
             last_c: None,

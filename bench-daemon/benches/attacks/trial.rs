@@ -266,8 +266,11 @@ pub(crate) fn stand(program: &str, attack: &Attack, usual: &Usual) -> Row {
     }
     let wrong = wrong_points(&shares, lock(usual).get(&attack.job), &text);
     mended.mend();
-    let resumed =
-        if code == Some(0) { "–".to_owned() } else { resume(program, (folder.path(), &served), lock(usual).get(&attack.job).cloned().as_ref()) };
+    let resumed = if code == Some(0) {
+        "–".to_owned()
+    } else {
+        resume(program, (folder.path(), &served), lock(usual).get(&attack.job).cloned().as_ref())
+    };
     Row {
         name: attack.name(),
         job: attack.job,

@@ -20,5 +20,10 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
     experiment.cell.wide.iter().for_each(|text| remark!("note: {text}"));
     let hours = |seconds: f64| format!("{:.0} h {:02.0} min", (seconds / 3600.0).floor(), (seconds % 3600.0) / 60.0);
     say!("\nabout {}, at most {} of bench time", hours(plan.plan().expected_s()), hours(plan.plan().longest_s()));
+    let [pause, end] = plan.plan().waits();
+    let told = |wait: Option<(&crate::plan::Step, f64)>| {
+        wait.map_or_else(|| "none".to_owned(), |(step, s)| format!("{s:.0} s ({})", step.to_string().trim()))
+    };
+    say!("longest wait after `eis-bench pause`: {}; after `eis-bench abort`: {}", told(pause), told(end));
     Ok(())
 }

@@ -41,9 +41,10 @@ pub fn wish(args: &FolderArgs, course: Course) -> Result<(), Failure> {
     say!(
         "{}",
         match course {
-            Course::Pause => "pauses at the next point, every output off; `eis-bench go-on` lets it go on",
+            Course::Pause => "pauses after the step in work, every output off; `eis-bench go-on` lets it go on",
             Course::GoOn => "goes on",
-            Course::Abort => "ends at the next point, in safe state, if a point is left; then `eis-bench resume` can take it up again",
+            Course::Abort =>
+                "ends in safe state: at the next point of a sweep, behind a trace, within seconds of anything else; then `eis-bench resume` can take it up again",
         }
     );
     Ok(())

@@ -46,7 +46,7 @@ pub(super) struct Reset {
 
 impl Executor<'_> {
     /// A text about the run of a campaign that is in work, and that says so.
-    fn of_run(&self, text: &str) -> String {
+    pub(super) fn of_run(&self, text: &str) -> String {
         let run = self.run.and_then(|number| self.experiment.campaign.as_ref()?.run(number));
         run.map_or_else(|| text.to_owned(), |run| format!("{}{text}", run.prefix()))
     }

@@ -15,15 +15,16 @@ const PAUSE_POLL_S: f64 = 5.0;
 impl Executor<'_> {
     /// Waits as long as that is wanted, with every output off; what was powered before is powered again afterwards.
     pub(super) async fn heed(&mut self, stage: &Stage, (step, fixture): (usize, Fixture)) -> Result<(), ExecuteError> {
-        // A trace is one piece.
-        let within = matches!(stage.purpose, Purpose::Sweep(..) | Purpose::SocReset | Purpose::Temperature);
-        if self.clock.mode() == TimeMode::Virtual || (step > 0 && !within) {
+        self.ends_early = stage.steps.get(step).is_some_and(Step::ends_early);
+        if self.clock.mode() == TimeMode::Virtual || !self.paused(false)? {
             return Ok(());
         }
-        if !self.paused(false)? {
-            return Ok(());
-        }
+        let since_s = self.clock.now_s();
         self.wait_without_current(fixture).await?;
+        if step > 0 && matches!(stage.purpose, Purpose::OcvSoc) {
+            let text = format!("paused for {:.0} s between two legs: the curve has a rest there", self.clock.now_s() - since_s);
+            self.recorder.warning(&self.of_run(&text));
+        }
         let before = stage.steps.get(..step).unwrap_or_default();
         let power = before.iter().rev().find(|step| matches!(step, Step::PowerUp { .. } | Step::PowerDown));
         if let Some(power @ Step::PowerUp { .. }) = power {
@@ -31,6 +32,17 @@ impl Executor<'_> {
             self.power(fixture, power).await?;
         }
         Ok(())
+    }
+
+    /// Ends the run on request in the middle of a step of which nothing is kept but its end, looking a few times a minute.
+    pub(super) fn heed_within(&mut self) -> Result<(), ExecuteError> {
+        let now_s = self.clock.now_s();
+        if !self.ends_early || self.clock.mode() == TimeMode::Virtual || now_s - self.heeded_s < PAUSE_POLL_S {
+            return Ok(());
+        }
+        self.heeded_s = now_s;
+        // A pause waits for the end of the step.
+        self.paused(false).map(|_| ())
     }
 
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {

@@ -210,6 +210,7 @@ impl Executor<'_> {
 
     /// Everything that could drive a current through the cell while none may flow, judged one by one: two that cancel are two too many.
     pub(super) async fn watch_idle(&mut self, phase: &str, fixture: Fixture) -> Result<(), ExecuteError> {
+        self.heed_within()?;
         if self.bench.supply4q.is_some() {
             self.watch(phase, fixture).await?;
         } else if self.bench.load.is_some() {
@@ -282,6 +283,7 @@ impl Executor<'_> {
 
     /// Writes a reading down and judges it.
     pub(super) fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
+        self.heed_within()?;
         self.recorder.reading(phase, &reading)?;
         match self.interlock.judge(&reading, self.clock.machine_s()) {
             Some(trip) => Err(trip.into()),

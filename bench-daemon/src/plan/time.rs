@@ -22,6 +22,15 @@ impl Plan {
         self.stages.iter().map(played).sum()
     }
 
+    /// The step that a request to pause, and the one that a request to end, may have to wait for longest, with its duration, bench s.
+    pub fn waits(&self) -> [Option<(&Step, f64)>; 2] {
+        let longest = |of: fn(&&Step) -> bool| {
+            let steps = self.stages.iter().flat_map(|stage| &stage.steps).filter(of);
+            steps.map(|step| (step, step.expected_s())).max_by(|one, other| one.1.total_cmp(&other.1))
+        };
+        [longest(|_| true), longest(|step| !step.ends_early())]
+    }
+
     /// Longest possible duration, bench s.
     pub fn longest_s(&self) -> f64 {
         self.stages.iter().flat_map(|stage| &stage.steps).map(Step::longest_s).sum()
@@ -29,6 +38,19 @@ impl Plan {
 }
 
 impl Step {
+    /// It may be ended in its middle: nothing of it is kept but its end, or its readings.
+    pub fn ends_early(&self) -> bool {
+        matches!(
+            self,
+            Self::HoldTemperature { .. }
+                | Self::Discharge { .. }
+                | Self::Charge { .. }
+                | Self::Rest { .. }
+                | Self::Leg(_)
+                | Self::Pause { .. }
+        )
+    }
+
     /// Expected duration, bench s.
     pub fn expected_s(&self) -> f64 {
         match *self {

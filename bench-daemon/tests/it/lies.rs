@@ -51,7 +51,9 @@ fn a_charger_that_does_not_go_off_is_brought_to_zero_by_its_current() {
 #[test]
 fn an_answer_that_comes_too_late_does_not_end_the_night() {
     let mut told = 0;
-    for (fault, role) in [("too_late", "supply4q"), ("reset", "generator"), ("lose_reply", "load"), ("half_close", "scope"), ("garble", "logger")] {
+    for (fault, role) in
+        [("too_late", "supply4q"), ("reset", "generator"), ("lose_reply", "load"), ("half_close", "scope"), ("garble", "logger")]
+    {
         let files = Files::short(3);
         let lived = live(&files, (fault, role, "12 s"));
         assert_eq!(lived.code, 0, "{fault} of {role}: {}", lived.ended);

@@ -6,7 +6,7 @@ use bench_daemon::{
     config::{Experiment, load_experiment},
 };
 
-use crate::support::json;
+use crate::support::{EXPERIMENT, Files, Ports, json, poll, program};
 
 fn experiment() -> Experiment {
     load_experiment(&crate::configuration::configs().join("experiments/ocv.toml"), None).unwrap()
@@ -65,4 +65,26 @@ fn the_data_sheets_resistance_leaves_what_it_misses() {
     assert!((0.008..0.016).contains(&worst), "off by {worst} V");
     assert!(finished.summary.contains("OCV: compensated by 15.00 mΩ; 1 interruptions show"), "{}", finished.summary);
     assert!(finished.summary.contains("note: OCV: ocv_soc.dcir is 15.00 mΩ, and 1 interruptions show "), "{}", finished.summary);
+}
+
+#[test]
+fn an_abort_within_a_leg_of_hours_is_heeded_within_seconds() {
+    let files = Files::demo();
+    let text = files.text(EXPERIMENT);
+    let ocv = std::fs::read_to_string(crate::configuration::configs().join("experiments/ocv.toml")).unwrap();
+    let head = text.lines().take_while(|line| !line.starts_with('[')).collect::<Vec<_>>().join("\n");
+    let section = &ocv[ocv.find("[ocv_soc]").unwrap()..];
+    files.write(EXPERIMENT, &format!("{head}\n{section}"));
+    let ports = Ports::serve(&files, 20.0, 1);
+    let run = files.path("aborted");
+    let mut child = crate::kill::start(&files, &run, &[]);
+    poll("a leg", || {
+        assert!(child.0.try_wait().unwrap().is_none());
+        std::fs::read_to_string(run.join("events.csv")).ok().filter(|events| events.contains("into ocv_")).map(|_| ())
+    });
+    program(&["abort".as_ref(), run.as_os_str()]).expect_code(0);
+    let (code, text) = crate::kill::end(child);
+    assert_eq!(code, Some(130), "{text}");
+    ports.assert_outputs_off();
+    assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
 }

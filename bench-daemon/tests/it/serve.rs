@@ -240,7 +240,7 @@ fn a_run_waits_and_goes_on_as_it_is_told() {
     let run = submit(&served, DEMO);
     served.points(1);
     let said = served.post(&format!("/runs/{run}/pause"), "").expect(200).json();
-    assert!(said["said"].as_str().unwrap().starts_with("pauses at the next point"), "{said}");
+    assert!(said["said"].as_str().unwrap().starts_with("pauses after the step in work"), "{said}");
     let live = poll("a pause", || Some(served.get("/benches/demo")).filter(|live| live["state"] == "paused"));
     assert_eq!(live["run"]["going"], true);
     served.post("/benches/demo/identify", "").expect(409);

@@ -178,7 +178,7 @@ function drawActs() {
   const acts = [];
   if (run && run.going && run.run && run.time !== "virtual") {
     if (live().state === "paused" && may("energise")) acts.push(el("button", { type: "button", onclick: () => attempt(() => post(`/runs/${run.run}/go-on`), (r) => r.said) }, "Go on"));
-    else if (live().state === "running" && may("operate")) acts.push(el("button", { type: "button", onclick: () => attempt(() => post(`/runs/${run.run}/pause`), (r) => r.said) }, "Pause at the next point"));
+    else if (live().state === "running" && may("operate")) acts.push(el("button", { type: "button", onclick: () => attempt(() => post(`/runs/${run.run}/pause`), (r) => r.said) }, "Pause after this step"));
   }
   const key = acts.map((act) => act.textContent).join();
   if ($("runacts").dataset.key !== key) $("runacts").replaceChildren(...acts);
