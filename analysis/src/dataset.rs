@@ -312,6 +312,15 @@ pub fn write_whole_spectrum_csv(path: &Path, spectrum: &Spectrum) -> Result<(), 
     rows::write_csv_with(path, &spectrum.points, (&header, &rows))
 }
 
+/// Writes a spectrum as CSV with a column `flags` behind [`SPECTRUM_COLUMNS`]: why a point was refused, reasons separated by `; `; empty for the others.
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_flagged_spectrum_csv(path: &Path, points: &[ImpedancePoint], flags: &[String]) -> Result<(), DatasetError> {
+    let rows: Vec<String> = flags.iter().map(|flag| format!(",{}", flag.replace([',', '"', '\n'], " "))).collect();
+    rows::write_csv_with(path, points, (",flags", &rows))
+}
+
 /// Appends one point to a spectrum in CSV, or starts the file; it is on disk when this returns. A torn last line is removed first.
 ///
 /// # Errors

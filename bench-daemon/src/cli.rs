@@ -66,11 +66,13 @@ Exit codes:
   3  an instrument cannot be reached, answers wrongly or disobeys
   4  the fixture check or the doctor failed: the bench is not to be believed
   5  the interlock tripped, or a cell was found in the jig where a control belongs
-  6  safe state could not be verified: LOOK AT THE BENCH
+  6  an output is not known to be off: LOOK AT THE BENCH, the message says what to unplug
   7  the bench is latched after a trip: look at it, then `eis-bench clear BENCH`
   8  another process runs the bench, or the guardian of an earlier run is still at work on it
   9  the guardian cannot be started or was lost; the bench was brought into safe state
   10 a run folder is not what it was, or its numbers do not follow from its captures
+  11 the run is finished, and the quality gate refused points of it: see the column `flags` of its spectra
+  12 the diagnosis is finished, and its verdict is that the data are invalid
   130  stopped by Ctrl-C, Ctrl-Z, SIGTERM, `eis-bench abort` or the end of the terminal; the bench was brought into safe state";
 
 /// Runs a battery test bench and turns what it measures into a model that a robot can trust.

@@ -45,7 +45,7 @@ pub(super) fn read_csv<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
     let mut lines = text.split('\n').map(|line| line.trim_end_matches('\r'));
     let (expected, found) = (header::<R>(), lines.next().unwrap_or(""));
     // Errors that rows share follow behind the columns that every row has: another reader's.
-    let own = found.find(SHARED).map_or(found, |at| &found[..at]);
+    let own = MORE.iter().filter_map(|more| found.find(more)).min().map_or(found, |at| &found[..at]);
     let columns = (R::NEEDED..=R::COLUMNS.len()).find(|columns| own == names(&R::COLUMNS[..*columns]));
     let Some(columns) = columns else {
         return Err(DatasetError::Header { path: path.to_path_buf(), expected, found: found.to_owned() });
@@ -104,8 +104,8 @@ fn numbers(path: &Path, frame: &DataFrame, spec: &ColumnSpec) -> Result<Vec<f64>
     Ok(cells.iter().map(|cell| cell.unwrap_or(f64::NAN)).collect())
 }
 
-/// How the columns of shared errors begin.
-const SHARED: &str = ",shared_re_ohm[";
+/// How columns begin that stand behind those of every row: shared errors, and what a gate has said.
+const MORE: [&str; 2] = [",shared_re_ohm[", ",flags"];
 
 /// The first fields of a line.
 fn first_fields(line: &str, count: usize) -> &str {

@@ -123,6 +123,9 @@ pub struct ModelFile {
     pub time_constants_s: Vec<f64>,
     /// Names of the spectra pooled.
     pub spectra: Vec<String>,
+    /// Points that the gate of the measurement has refused.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub refused: Vec<RefusedPoint>,
     /// The cell's model mapped to a pack, where one was asked for.
     pub pack: Option<PackModel>,
     /// Open-circuit voltage over state of charge, where it is known.
@@ -138,6 +141,19 @@ pub struct ModelFile {
     /// What the data of the additions reach; needed with additions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub facts: Option<Facts>,
+}
+
+/// A point that the gate of the measurement has refused.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RefusedPoint {
+    /// Name of its spectrum.
+    pub spectrum: String,
+    /// Its frequency, Hz.
+    pub freq_hz: f64,
+    /// Why.
+    pub reasons: Vec<String>,
+    /// The model was fitted to it all the same, because that was asked for.
+    pub fitted: bool,
 }
 
 /// What a joint fit saw besides spectra, and how it fared.
@@ -170,6 +186,7 @@ impl ModelFile {
             dc_resistance_ohm: fit.erm.dc_resistance_ohm(),
             time_constants_s: fit.erm.time_constants_s(),
             spectra,
+            refused: Vec::new(),
             pack,
             fit,
             ocv: None,

@@ -41,7 +41,7 @@ pub use cells::{CellSweeps, Components, FrequencySpread, components, frequency_s
 pub use circuit::{CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit, fit_circuit_cells};
 pub use erm::{ErmFit, fit_cells, fit_erm};
 pub use global::{Columns, DeOptions, Evolution, Member, Strategy, differential_evolution};
-pub use json::{FitEntry, FitReport, JointProvenance, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile, PackModel};
+pub use json::{FitEntry, FitReport, JointProvenance, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile, PackModel, RefusedPoint};
 pub use local::{LocalOptions, Minimum, Smooth, minimise};
 pub use minima::{LocalMinimum, SeedSurvey, survey_seeds};
 pub use options::{Bounds, FitError, FitOptions, MAX_RC, Objective};

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    diagnosis::{BaseModel, DiagnosisOptions, Fixture, Outcome, gate, report},
+    diagnosis::{BaseModel, DiagnosisOptions, Fixture, Outcome, Verdict, gate, report},
     given::GivenModel,
 };
 
@@ -50,7 +50,8 @@ pub struct DiagnoseArgs {
 /// Diagnoses, prints, and writes into a folder if asked to.
 ///
 /// # Errors
-/// A file or an argument that is not as expected; a folder that cannot be written. Any verdict, `invalid` too, is a result and no error.
+/// A file or an argument that is not as expected; a folder that cannot be written; [`Failure::Invalid`], once everything is told, where the data cannot be diagnosed. Any other verdict is
+/// a result and no error.
 pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     let judged = Judged::read(&args.data, &args.model, args.ocv.as_deref())?;
     let cells = judged.cells(args.specimen.as_deref())?;
@@ -89,7 +90,11 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
             say!("{}", serde_json::to_string_pretty(&diagnoses).map_err(|error| Failure::Analysis(error.to_string()))?);
         }
     }
-    Ok(())
+    // Everything is told and written by now; whoever reads nothing but the exit code must know.
+    match outcomes.iter().find(|outcome| outcome.diagnosis.verdict == Verdict::Invalid) {
+        Some(outcome) => Err(Failure::Invalid(outcome.diagnosis.summary.clone())),
+        None => Ok(()),
+    }
 }
 
 /// Folder of the diagnosis that a run makes of itself.

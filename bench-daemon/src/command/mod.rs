@@ -135,6 +135,17 @@ pub enum Failure {
     /// A result that cannot be computed or drawn.
     #[error("{0}")]
     Analysis(String),
+    /// A run that went to its end, and whose quality gate has refused points to the end.
+    #[error(
+        "the quality gate refused {count} points: they are flagged in the spectra, and left out of the models unless that was asked for"
+    )]
+    Refused {
+        /// How many.
+        count: usize,
+    },
+    /// A diagnosis of data that cannot be diagnosed.
+    #[error("the data are invalid: {0}")]
+    Invalid(String),
     /// The machine.
     #[error("{0}")]
     System(#[from] std::io::Error),
@@ -191,6 +202,8 @@ impl Failure {
             Self::Guardian(GuardianError::Bench(_) | GuardianError::Refused(_)) => 3,
             Self::Guardian(_) => 9,
             Self::Differs(_) => 10,
+            Self::Refused { .. } => 11,
+            Self::Invalid(_) => 12,
             Self::Interrupted(_) => 130,
         }
     }

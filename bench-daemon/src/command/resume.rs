@@ -49,8 +49,8 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
     let in_process = addressed.iter().any(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));
     let mode = experiment.bench.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time);
     let usage = |text: &str| Err(Failure::Usage(format!("{}: {text}", folder.display())));
-    let summary = match (in_process, mode) {
-        (false, _) => Session::at(&experiment.bench, past.time_s(folder))?.go_on(&experiment, folder, past)?.summary,
+    let (summary, gated) = match (in_process, mode) {
+        (false, _) => Session::at(&experiment.bench, past.time_s(folder))?.go_on(&experiment, folder, past)?.told(),
         (true, _) if past.inherited() => {
             return usage("expected a run that began in a world of its own, found one on a simulated bench that others had used before");
         }
@@ -58,7 +58,7 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
         (true, _) => return usage("the simulated cell died with its process, and only in virtual time can it be played again"),
     };
     say!("{}", summary.trim_end());
-    Ok(())
+    gated
 }
 
 /// A run has no lock beside its journal where its bench is simulated in its own process.
@@ -70,7 +70,7 @@ fn refuse_going(folder: &Path) -> Result<(), Failure> {
 }
 
 /// Plays a run in virtual time again and puts it in the place of what was finished of it.
-fn replay(experiment: &Experiment, folder: &Path) -> Result<String, Failure> {
+fn replay(experiment: &Experiment, folder: &Path) -> Result<(String, Result<(), Failure>), Failure> {
     let _held = journal::hold(folder).map_err(RecordError::from)?;
     let mut scratch = folder.as_os_str().to_owned();
     scratch.push(".again");
@@ -87,7 +87,8 @@ fn replay(experiment: &Experiment, folder: &Path) -> Result<String, Failure> {
     replace(&scratch, folder)?;
     fs::remove_dir_all(&scratch)?;
     let (from, to) = (scratch.display().to_string(), folder.display().to_string());
-    Ok(finished.summary.replace(&from, &to))
+    let (summary, gated) = finished.told();
+    Ok((summary.replace(&from, &to), gated))
 }
 
 /// When the last step was begun, s: a run that ended by itself, on a full disk perhaps, went another way after that.

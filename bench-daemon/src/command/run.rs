@@ -95,7 +95,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let folder = args.out.clone().unwrap_or_else(|| free_folder(&experiment.name));
     let finished = run_experiment(&experiment, &folder)?;
     say!("{}", finished.summary.trim_end());
-    Ok(())
+    finished.gated()
 }
 
 /// A run that went to its end.
@@ -106,6 +106,24 @@ pub struct Finished {
     pub summary: String,
     /// The simulated world, where there is one in this process.
     pub simulation: Option<Simulation>,
+}
+
+impl Finished {
+    /// What the terminal shows, and what the quality gate makes of it.
+    pub(crate) fn told(self) -> (String, Result<(), Failure>) {
+        let gated = self.gated();
+        (self.summary, gated)
+    }
+
+    /// Refuses a run whose quality gate has refused points: whoever reads nothing but the exit code must know.
+    ///
+    /// # Errors
+    /// [`Failure::Refused`].
+    pub fn gated(&self) -> Result<(), Failure> {
+        let sweeps = results::refused_points(&self.measured).len();
+        let count = sweeps + self.measured.multisines.iter().map(|run| run.flagged.len()).sum::<usize>();
+        if count == 0 { Ok(()) } else { Err(Failure::Refused { count }) }
+    }
 }
 
 /// Runs an experiment into a folder.

@@ -309,7 +309,7 @@ impl Check<'_> {
             return Err(self.complain("fit.rc", reason));
         }
         let objective: Objective = raw.objective.parse().map_err(|error| self.complain("fit.objective", format!("{error}")))?;
-        Ok(Fit { rc: raw.rc.clone(), objective })
+        Ok(Fit { rc: raw.rc.clone(), objective, refused_points: raw.refused_points })
     }
 
     /// The order of the model that is to be diagnosed: the highest that is fitted, where none is said.

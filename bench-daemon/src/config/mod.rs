@@ -232,4 +232,6 @@ pub struct Fit {
     pub rc: Vec<usize>,
     /// What is minimised.
     pub objective: Objective,
+    /// Points that the quality gate has refused are fitted, too.
+    pub refused_points: bool,
 }

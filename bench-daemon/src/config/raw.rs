@@ -242,11 +242,13 @@ pub(super) struct Segment {
 pub(super) struct Fit {
     pub(super) rc: Vec<usize>,
     pub(super) objective: String,
+    /// Points that the quality gate has refused, too.
+    pub(super) refused_points: bool,
 }
 
 impl Default for Fit {
     fn default() -> Self {
-        Self { rc: vec![1, 2, 3, 4], objective: "complex".to_owned() }
+        Self { rc: vec![1, 2, 3, 4], objective: "complex".to_owned(), refused_points: false }
     }
 }
 

@@ -143,6 +143,18 @@ impl Recorder {
         Ok(dataset::write_spectrum_csv(&self.path(name), points)?)
     }
 
+    /// Writes a spectrum with what the quality gate has refused of it, in words for each point; a column less where it has refused nothing.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn flagged_spectrum(&self, name: &str, points: &[ImpedancePoint], flags: &[String]) -> Result<(), RecordError> {
+        if flags.iter().all(String::is_empty) {
+            return self.spectrum(name, points);
+        }
+        self.room(name)?;
+        Ok(dataset::write_flagged_spectrum_csv(&self.path(name), points, flags)?)
+    }
+
     /// Writes a spectrum whole, with the errors that its points share.
     ///
     /// # Errors

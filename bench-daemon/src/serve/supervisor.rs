@@ -37,6 +37,9 @@ use crate::{
     state::{Holder, State},
 };
 
+/// What a run ends with that is finished, and whose quality gate has refused points.
+const GATED: i32 = 11;
+
 /// Time between two looks, s.
 const LOOK_S: f64 = 0.2;
 /// A bench that changes all the time is told this often, s.
@@ -149,7 +152,7 @@ impl Post {
         watch.look();
         let how = watch.ended().map(str::to_owned).or_else(|| last_word(&log_of(server, &item.run)));
         let how = how.unwrap_or_else(|| "its process was killed or died".to_owned());
-        let finished = watch.ended() == Some("finished") && code.is_none_or(|code| code == 0);
+        let finished = watch.ended() == Some("finished") && code.is_none_or(|code| code == 0 || code == GATED);
         self.over(server, &item, &Ended { code, finished, how, unix_s: clock::unix_time_s() });
     }
 

@@ -40,14 +40,14 @@ fn diagnose(folder: &Path, model: &str) -> Output {
 }
 
 #[test]
-fn damaged_data_are_a_verdict_and_no_failure() {
+fn damaged_data_are_a_verdict_with_an_exit_code_of_its_own() {
     for (kind, text) in
         [(Corruption::VoltageMillivolts, "mV for V?"), (Corruption::TimeBackwards, "its times go back"), (Corruption::Truncated, "")]
     {
         let folder = tempfile::tempdir().unwrap();
         campaign(folder.path(), &Spec { corruption: Some(kind), ..Spec::null(1) });
         let output = diagnose(folder.path(), "model.json");
-        assert!(output.status.success(), "{output:?}");
+        assert_eq!(output.status.code(), Some(12), "{output:?}");
         let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         let summary = printed["summary"].as_str().unwrap();
         assert!(printed["verdict"] == "invalid" && summary.contains(text), "{summary}");

@@ -118,3 +118,32 @@ fn a_cell_that_comes_to_rest_meanwhile_is_measured_again_and_passes() {
     assert_eq!(index.sweeps[0].flagged, [], "{}", finished.summary);
     assert!(files.path("run/captures/cell/point01_1.000000Hz_again1.parquet").exists());
 }
+
+#[test]
+fn what_the_gate_refuses_has_an_exit_code_a_column_and_no_model_unless_asked() {
+    let noisy = |fit: &str| {
+        let files = gated(100.0, 4, "again = 0").append(SCENARIO, "[harness]\nnoise_fraction = 0.05");
+        let text = files.text(EXPERIMENT).replace("rc = [1]", &format!("rc = [1]{fit}"));
+        files.write(EXPERIMENT, &text);
+        files
+    };
+    let files = noisy("");
+    let ended = files.run("run");
+    ended.expect_code(11);
+    let refused = ended.message().to_owned();
+    assert!(refused.starts_with("the quality gate refused 4 points"), "{refused}");
+    let table = files.text("run/spectrum.csv");
+    let mut lines = table.lines();
+    assert!(lines.next().unwrap().ends_with(",flags"), "{table}");
+    assert!(lines.all(|line| line.rsplit(',').next().unwrap().starts_with("noise: expected at most ")), "{table}");
+    // The numbers are read as ever.
+    assert_eq!(analysis::dataset::read_spectrum_csv(&files.path("run/spectrum.csv")).unwrap().len(), 4);
+    assert!(!files.path("run/model_1rc.json").exists());
+    assert!(files.text("run/report.html").contains("no model: the quality gate has refused every point"));
+
+    let files = noisy("\nrefused_points = true");
+    files.run("run").expect_code(11);
+    let model = crate::support::json(&files.path("run/model_1rc.json"));
+    let points = model["refused"].as_array().unwrap();
+    assert_eq!((points.len(), &points[0]["fitted"]), (4, &true.into()), "{model}");
+}

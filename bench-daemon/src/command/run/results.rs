@@ -13,7 +13,7 @@ mod validity;
 use analysis::{
     budget::Budget,
     dataset,
-    fit::{Bounds, CellSweeps, ErmFit, FitOptions, ModelFile, PackModel, fit_cells},
+    fit::{Bounds, CellSweeps, ErmFit, FitOptions, ModelFile, PackModel, RefusedPoint, fit_cells},
     pack::Pack,
     spectrum::Spectrum,
     validity::{Noise, linearity},
@@ -21,7 +21,7 @@ use analysis::{
 use instruments::mock::plant::Fixture;
 
 use super::Measured;
-use crate::{command::Failure, config::Experiment, fixture_check, record::Recorder};
+use crate::{command::Failure, config::Experiment, executor::SweepPoint, fixture_check, record::Recorder};
 
 /// Amplitudes that differ by less than this share are one.
 const SAME_AMPLITUDE: f64 = 0.1;
@@ -48,7 +48,9 @@ fn evaluate(recorder: &mut Recorder, experiment: &Experiment, (measured, shown):
     let pack = Pack::new(experiment.cell.series, experiment.cell.parallel, 0.0).map_err(|error| Failure::Analysis(error.to_string()))?;
     for fit in &fits {
         let mapped = PackModel::new(&fit.erm, pack).map_err(|error| Failure::Analysis(error.to_string()))?;
-        let model = ModelFile::new(&experiment.cell.name, fit.clone(), vec![measured.spectrum.name.clone()], Some(mapped));
+        let mut model = ModelFile::new(&experiment.cell.name, fit.clone(), vec![measured.spectrum.name.clone()], Some(mapped));
+        model.refused = refused_points(measured);
+        model.refused.iter_mut().for_each(|point| point.fitted = experiment.fit.refused_points);
         let text = model.to_json().map_err(|error| Failure::Analysis(error.to_string()))?;
         recorder.text(&format!("model_{}rc.json", model.rc), &text)?;
     }
@@ -74,7 +76,24 @@ fn evaluate(recorder: &mut Recorder, experiment: &Experiment, (measured, shown):
 
 /// The orders that could be fitted, to all sweeps of the cell together; one that could not is noted and does not cost the others.
 fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Vec<ErmFit> {
-    let spectra = storage::less_charge_storage(recorder, experiment, alike(measured));
+    let mut spectra = storage::less_charge_storage(recorder, experiment, alike(measured));
+    let refused = refused_points(measured);
+    if !refused.is_empty() && !experiment.fit.refused_points {
+        for spectrum in &mut spectra {
+            let name = spectrum.name.clone();
+            spectrum.keep(|point| !refused.iter().any(|refused| refused.spectrum == name && refused.freq_hz == point.freq_hz));
+        }
+        recorder.warning(&format!(
+            "{} points that the quality gate refused are left out of the models: [fit] refused_points = true keeps them",
+            refused.len()
+        ));
+        let left = spectra.iter().map(|spectrum| spectrum.points.len()).max().unwrap_or(0);
+        spectra.retain(|spectrum| !spectrum.points.is_empty());
+        if left == 0 {
+            recorder.warning("no model: the quality gate has refused every point");
+            return Vec::new();
+        }
+    }
     let cells = by_cell(experiment, &spectra);
     let mut fits = Vec::new();
     for &rc in &experiment.fit.rc {
@@ -86,6 +105,22 @@ fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, measured: &Measu
         }
     }
     fits
+}
+
+/// What the quality gate has refused to the end.
+pub(super) fn refused_points(measured: &Measured) -> Vec<RefusedPoint> {
+    let of = |(spectrum, points): (&Spectrum, &Vec<SweepPoint>)| {
+        let name = spectrum.name.clone();
+        let refused = points.iter().filter(|point| !point.failing.is_empty());
+        let named = move |point: &SweepPoint| RefusedPoint {
+            spectrum: name.clone(),
+            freq_hz: point.phasors.freq_hz,
+            reasons: point.failing.iter().map(ToString::to_string).collect(),
+            fitted: false,
+        };
+        refused.map(named).collect::<Vec<_>>()
+    };
+    std::iter::once(&measured.spectrum).chain(&measured.repeats).zip(&measured.points).flat_map(of).collect()
 }
 
 /// The sweeps by the cell of a campaign that each is of; all of one cell elsewhere.

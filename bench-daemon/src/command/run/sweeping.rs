@@ -99,9 +99,6 @@ impl<'a> Sweeping<'a> {
             let covariance = self.correction.measured_parts(&point.phasors).into_iter().sum();
             ImpedancePoint { covariance, ..self.corrected(point) }
         });
-        if let Some(file) = &self.file {
-            recorder.spectrum(file, &corrected)?;
-        }
         let (begin_s, end_s) = points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.time_s), b.max(p.time_s)));
         points.dedup_by(|a, b| {
             let same = a.phasors.freq_hz == b.phasors.freq_hz;
@@ -112,6 +109,10 @@ impl<'a> Sweeping<'a> {
             }
             same
         });
+        if let Some(file) = &self.file {
+            let reasons = |point: &SweepPoint| point.failing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+            recorder.flagged_spectrum(file, &corrected, &points.iter().map(reasons).collect::<Vec<_>>())?;
+        }
         let named = |points| Spectrum::new(self.spectrum_name(), points);
         let phasors: Vec<ChannelPhasors> = points.iter().map(|point| point.phasors).collect();
         let spectrum = self.with_shared(named(corrected), &phasors);
