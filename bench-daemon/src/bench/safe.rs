@@ -26,8 +26,9 @@ use crate::interlock::NO_CURRENT_A;
 /// How often safe state is tried again, and the pause before each, s.
 const SAFE_RETRIES: usize = 5;
 const SAFE_PAUSE_S: f64 = 1.0;
-/// After this time no current may flow, s.
+/// After this time no current may flow, s; what is read twice in a row as none, this far apart, is none.
 const SAFE_SETTLE_S: f64 = 0.5;
+const SAFE_AGAIN_S: f64 = 0.1;
 /// Longest wait for the generator's least sine before the supply is switched off.
 const QUIET_DEADLINE: Duration = Duration::from_secs(2);
 
@@ -90,7 +91,8 @@ drives! {
 type Ended = (Result<(), LinkError>, Option<&'static str>);
 
 impl Bench {
-    /// Switches everything off that can move charge, and the relays of a bath without a loop of its own, and proves it: each output is read back, and half a second later no current may flow.
+    /// Switches everything off that can move charge, and the relays of a bath without a loop of its own, and proves it: each output is read back, and
+    /// within half a second no current may flow any more.
     ///
     /// The generator is brought to its least sine first, which ends the current at once; its output goes off only when the supply's is known to be off,
     /// for without its offset the supply's zero error would flow, or when it does not take the least sine. Load and charger are switched off at the same
@@ -155,7 +157,6 @@ impl Bench {
         let bath = self.chiller.as_mut().filter(|chiller| chiller.is_regulated());
         let ((supply4q, generator), load, supply, relays) =
             tokio::join!(driven, end(&mut self.load, &clock), end(&mut self.supply, &clock), open_relays(bath));
-        clock.sleep_s(SAFE_SETTLE_S).await;
         let (supply4q, load, supply) = tokio::join!(
             found(&mut self.supply4q, supply4q, &clock),
             found(&mut self.load, load, &clock),
@@ -209,10 +210,25 @@ async fn zero<D: Drive>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
     None
 }
 
+/// The last of its readings, as soon as two in a row show no current, or after the time in which they must.
+async fn at_rest<D: Drive>(drive: &mut D, clock: &Clock) -> Result<(f64, f64), LinkError> {
+    let until_s = clock.now_s() + SAFE_SETTLE_S;
+    let mut quiet = 0;
+    loop {
+        let read = drive.read().await;
+        let Ok((_, amps)) = read else { return read };
+        quiet = if amps.abs() <= NO_CURRENT_A { quiet + 1 } else { 0 };
+        if quiet >= 2 || clock.now_s() >= until_s {
+            return read;
+        }
+        clock.sleep_s(SAFE_AGAIN_S).await;
+    }
+}
+
 /// What an instrument measures after it was switched off, and what bounds it where it is not known to be off.
 async fn found<D: Drive>(drive: &mut Option<D>, (off, mut by): Ended, clock: &Clock) -> Option<Output> {
     let drive = drive.as_mut()?;
-    let mut read = drive.read().await;
+    let mut read = at_rest(drive, clock).await;
     if by.is_none() && read.as_ref().is_ok_and(|(_, amps)| amps.abs() > NO_CURRENT_A) {
         // By its own word it may be off: the current says otherwise.
         by = zero(drive, clock).await;

@@ -5,6 +5,7 @@
 use std::{
     fs::{File, OpenOptions},
     io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom, Write},
+    os::unix::fs::{OpenOptionsExt, PermissionsExt},
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
 };
@@ -22,6 +23,19 @@ const HEAD: &str = "audit.head.json";
 const SERVER: &str = "server";
 /// Of so many altered lines the numbers are told.
 const NUMBERS: usize = 8;
+
+/// Gives a file to its account alone, and to its group for reading where that is wanted; one that everybody could write is refused: nobody knows what it says.
+///
+/// # Errors
+/// The system's.
+pub fn private(path: &Path, mode: u32) -> std::io::Result<()> {
+    let found = std::fs::metadata(path)?.permissions().mode();
+    if found & 0o002 != 0 {
+        let text = format!("{}: expected a file that not everybody may write, found mode {:04o}", path.display(), found & 0o7777);
+        return Err(std::io::Error::other(text));
+    }
+    if found & 0o777 & !mode == 0 { Ok(()) } else { std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode & found)) }
+}
 
 /// One deed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -68,7 +82,8 @@ impl Audit {
     /// The system's; a trail that was altered is told, in the log and in the trail itself, and gone on with.
     pub fn open(data: &Path) -> std::io::Result<Self> {
         let path = data.join(FILE);
-        let mut file = OpenOptions::new().create(true).read(true).append(true).open(&path)?;
+        let mut file = OpenOptions::new().create(true).read(true).append(true).mode(0o640).open(&path)?;
+        private(&path, 0o640)?;
         let (head, wrong) = check(&path)?;
         end_torn_line(&mut file)?;
         let audit = Self { path, open: Mutex::new((file, head)) };

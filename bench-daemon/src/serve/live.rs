@@ -35,8 +35,10 @@ pub struct Live {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BenchState {
-    /// Nothing.
+    /// Not known: nobody has looked yet, or a run has died and nobody has verified its outputs off.
     #[default]
+    Unknown,
+    /// Nothing.
     Idle,
     /// A run is in work.
     Running,

@@ -3,7 +3,7 @@
 use std::{
     fs::File,
     io::Write,
-    os::unix::process::CommandExt,
+    os::unix::{fs::OpenOptionsExt, process::CommandExt},
     path::Path,
     process::{Child, Command, Stdio},
     sync::{
@@ -285,6 +285,11 @@ impl Post {
         self.told = (live, now_s);
     }
 
+    /// A run has ended of which nobody has verified that every output is off; where that cannot be read, nobody knows.
+    fn left_open(&self) -> bool {
+        !self.bench.in_process() && self.state.as_ref().is_none_or(|state| !matches!(state.open_run(), Ok(None)))
+    }
+
     fn live(&self, server: &Server, going: bool) -> Live {
         let trip = self.state.as_ref().and_then(|state| state.latched().ok().flatten());
         let stop = server.stops().get(&self.bench.name).cloned();
@@ -294,6 +299,7 @@ impl Post {
             (false, true) if paused => BenchState::Paused,
             (false, true) => BenchState::Running,
             (false, false) if trip.is_some() => BenchState::Latched,
+            (false, false) if self.left_open() => BenchState::Unknown,
             (false, false) => BenchState::Idle,
         };
         let reading = self.watch.as_ref().and_then(|(_, watch)| watch.reading(going));
@@ -369,7 +375,8 @@ fn lives(folder: &Path, item: &Item) -> bool {
 fn command(server: &Server, item: &Item, bench: &config::Bench) -> Result<Command, String> {
     let data = &server.settings.data;
     let path = data.join("logs").join(format!("{}.log", item.run));
-    let mut log = File::options().create(true).append(true).open(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let mut log =
+        File::options().create(true).append(true).mode(0o640).open(&path).map_err(|error| format!("{}: {error}", path.display()))?;
     let mut command = Command::new(&server.program);
     match item.kind {
         Kind::Run => {

@@ -3,7 +3,7 @@
 
 use std::{
     fs,
-    os::unix::fs::{MetadataExt, PermissionsExt},
+    os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt},
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
 };
@@ -13,7 +13,7 @@ use instruments::clock;
 use serde::{Deserialize, Serialize};
 use subtle::ConstantTimeEq;
 
-use super::settings::plain;
+use super::{audit::private, settings::plain};
 use crate::hash;
 
 const FILE: &str = "tokens.json";
@@ -141,6 +141,7 @@ impl Tokens {
         if !plain(name) {
             return Err(TokenError::Name(name.to_owned()));
         }
+        let _alone = self.alone()?;
         let mut tokens = self.all()?;
         if tokens.iter().any(|token| token.name == name) {
             return Err(TokenError::Taken(name.to_owned()));
@@ -161,6 +162,7 @@ impl Tokens {
     /// # Errors
     /// A name of nobody; a file that cannot be written.
     pub fn revoke(&self, name: &str) -> Result<(), TokenError> {
+        let _alone = self.alone()?;
         let mut tokens = self.all()?;
         let before = tokens.len();
         tokens.retain(|token| token.name != name);
@@ -170,7 +172,17 @@ impl Tokens {
         self.write(&tokens)
     }
 
+    /// Whoever changes the tokens is alone meanwhile: two at once would each write what the other has not seen.
+    fn alone(&self) -> Result<fs::File, TokenError> {
+        let path = self.path.with_extension("lock");
+        let file = fs::File::options().create(true).append(true).mode(0o600).open(&path);
+        let file = file.map_err(|error| self.error("cannot be locked", &error))?;
+        file.lock().map_err(|error| self.error("cannot be locked", &error))?;
+        Ok(file)
+    }
+
     fn read(&self) -> Result<Vec<Token>, TokenError> {
+        private(&self.path, 0o600).map_err(|error| self.error("are not to be trusted", &error))?;
         let text = fs::read_to_string(&self.path).map_err(|error| self.error("cannot be read", &error))?;
         serde_json::from_str(&text).map_err(|error| self.error("cannot be understood", &error))
     }

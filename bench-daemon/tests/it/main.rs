@@ -46,6 +46,7 @@ mod serve;
 mod serve_access;
 mod serve_load;
 mod serve_page;
+mod serve_stop;
 mod serve_support;
 mod simulate;
 mod soc_reset;

@@ -165,6 +165,22 @@ pub async fn stop(caller: Known, State(app): State<App>, Path(bench): Path<Strin
     work.await.map(Json).map_err(|error| Refusal::machine(&error))
 }
 
+/// Stops every bench at once, as the stop of each of them does. Answers when all is done.
+#[utoipa::path(post, path = "/api/v1/stop", tag = "benches", responses((status = 200, body = [StopReport])), security(("token" = [])))]
+pub async fn stop_all(caller: Known, State(app): State<App>) -> Result<Json<Vec<StopReport>>, Refusal> {
+    let benches = app.server.settings.benches.clone();
+    let begin = |bench: config::Bench| {
+        let (server, by) = (app.server.clone(), caller.name.clone());
+        tokio::spawn(async move { stop::stop(&server, &bench, &by).await })
+    };
+    let work: Vec<_> = benches.into_iter().map(begin).collect();
+    let mut reports = Vec::with_capacity(work.len());
+    for one in work {
+        reports.push(one.await.map_err(|error| Refusal::machine(&error))?);
+    }
+    Ok(Json(reports))
+}
+
 /// Every latch and every clearing of a bench, the latest last.
 #[utoipa::path(get, path = "/api/v1/benches/{bench}/trips", tag = "trips", params(("bench" = String, Path), Most),
     responses((status = 200, body = Trips)), security(("token" = ["read"])))]

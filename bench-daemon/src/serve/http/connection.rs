@@ -2,16 +2,20 @@
 //! request nor for taking what it is sent.
 
 use std::{
+    collections::VecDeque,
     future::Future,
     io,
-    net::SocketAddr,
+    net::{IpAddr, SocketAddr},
     pin::Pin,
-    sync::{Arc, atomic::Ordering},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
     task::{Context, Poll, ready},
     time::Duration,
 };
 
-use axum::{Router, extract::Request, http::StatusCode};
+use axum::{Router, extract::Request, http::StatusCode, response::IntoResponse};
 use hyper::{body::Incoming, server::conn::http1, service::service_fn};
 use hyper_util::{
     rt::{TokioIo, TokioTimer},
@@ -22,20 +26,26 @@ use rustls::pki_types::{CertificateDer, PrivateKeyDer, pem::PemObject};
 use tokio::{
     io::{AsyncRead, AsyncWrite, ReadBuf},
     net::{TcpListener, TcpStream},
-    sync::Semaphore,
+    sync::{OwnedSemaphorePermit, Semaphore},
+    task::AbortHandle,
 };
 use tokio_rustls::TlsAcceptor;
 
 use super::{
     App,
-    guard::Peer,
-    problem::{Problem, code_of},
+    guard::{Peer, is_stop},
+    problem::{Problem, Refusal, code_of},
     router,
 };
 use crate::{command::Failure, serve::Server};
 
 /// Longest head of a request, bytes.
 const HEAD_BYTES: usize = 16 * 1024;
+/// The silent of one peer have this part of all places.
+const PEER_SHARE: usize = 2;
+/// Nobody is let go of before this time, s, unless so many times as many as there are places have come in it: then it is a flood.
+const GRACE_S: f64 = 1.0;
+const FLOOD: usize = 16;
 /// Pause after a socket that could not be accepted, s: out of files, most likely.
 const BREATH_S: f64 = 0.1;
 
@@ -68,46 +78,133 @@ impl Listener {
     pub async fn accept(&self, server: &Arc<Server>) {
         let app = App::of(server);
         let router = router(&app);
-        let places = Arc::new(Semaphore::new(server.settings.limits.connections));
+        let mut places = Places { silent: VecDeque::new(), heard: Arc::new(Semaphore::new(server.settings.limits.connections)) };
+        let server_clock = server.clock.clone();
         loop {
             let Ok((socket, peer)) = self.socket.accept().await else {
                 server.clock.sleep_s(BREATH_S).await;
                 continue;
             };
-            // One too many is let go of at once.
-            let Ok(place) = places.clone().try_acquire_owned() else { continue };
+            let asked = Arc::new(AtomicBool::new(false));
+            let place = Place { asked: asked.clone(), heard: places.heard.clone(), held: None };
             let (server, router, tls) = (server.clone(), router.clone(), self.tls.clone());
-            tokio::spawn(async move {
-                server.counts.connections.fetch_add(1, Ordering::Relaxed);
-                serve(&server, router, (socket, peer), tls).await;
-                server.counts.connections.fetch_sub(1, Ordering::Relaxed);
-                drop(place);
+            let most = server.settings.limits.connections;
+            let task = tokio::spawn(async move {
+                let _counted = Counted::new(&server);
+                serve(&server, (router, place), (socket, peer), tls).await;
             });
+            let (peer, since_s) = (peer.ip(), server_clock.now_s());
+            places.enter(Waiting { asked, peer, since_s, task: task.abort_handle() }, most);
         }
     }
 }
 
-async fn serve(server: &Server, router: Router, (socket, peer): (TcpStream, SocketAddr), tls: Option<TlsAcceptor>) {
-    let _ = socket.set_nodelay(true);
-    let patience = Duration::from_secs_f64(server.settings.limits.patience_s);
-    match tls {
-        None => requests(&server.clock, router, (socket, peer), patience).await,
-        Some(tls) => {
-            if let Ok(Ok(stream)) = server.clock.deadline(patience, tls.accept(socket)).await {
-                requests(&server.clock, router, (stream, peer), patience).await;
+/// One who has not yet asked for anything.
+struct Waiting {
+    /// Whether it has, meanwhile.
+    asked: Arc<AtomicBool>,
+    peer: IpAddr,
+    /// When it came, s.
+    since_s: f64,
+    task: AbortHandle,
+}
+
+/// Places for connections. Who has come and says nothing has a place until others need it: the longest silent of the same peer goes first, so that whoever
+/// comes with a request, a stop above all, is always heard. Nobody goes within the time that a head takes, as long as the system has files. Who has asked for
+/// something stays, as far as there are places.
+struct Places {
+    /// Those who have not yet asked for anything, by the order in which they came.
+    silent: VecDeque<Waiting>,
+    heard: Arc<Semaphore>,
+}
+
+impl Places {
+    fn enter(&mut self, waiting: Waiting, most: usize) {
+        let (peer, now_s) = (waiting.peer, waiting.since_s);
+        let silent = &mut self.silent;
+        silent.retain(|waiting| !waiting.asked.load(Ordering::Relaxed) && !waiting.task.is_finished());
+        silent.push_back(waiting);
+        loop {
+            let of_peer = silent.iter().filter(|waiting| waiting.peer == peer).count();
+            let longest = if of_peer > most / PEER_SHARE { silent.iter().position(|waiting| waiting.peer == peer) } else { None };
+            let longest = longest.or((silent.len() > most).then_some(0));
+            let old = |at: &usize| silent.get(*at).is_some_and(|waiting| now_s - waiting.since_s > GRACE_S) || silent.len() > FLOOD * most;
+            let Some(waiting) = longest.filter(old).and_then(|at| silent.remove(at)) else { return };
+            // Not one whose request comes just now.
+            if !waiting.asked.swap(true, Ordering::Relaxed) {
+                waiting.task.abort();
             }
         }
     }
 }
 
-async fn requests<S>(clock: &Clock, router: Router, (stream, peer): (S, SocketAddr), patience: Duration)
+/// The place of one connection.
+struct Place {
+    asked: Arc<AtomicBool>,
+    heard: Arc<Semaphore>,
+    held: Option<OwnedSemaphorePermit>,
+}
+
+impl Place {
+    /// It has asked for something: it is no longer one of the silent. Whether there is a place for it; a stop needs none.
+    fn heard(&mut self, stop: bool) -> bool {
+        self.asked.store(true, Ordering::Relaxed);
+        if self.held.is_none() {
+            self.held = self.heard.clone().try_acquire_owned().ok();
+        }
+        stop || self.held.is_some()
+    }
+}
+
+/// A connection that is counted for the metrics as long as it lives, however it ends.
+struct Counted(Arc<Server>);
+
+impl Counted {
+    fn new(server: &Arc<Server>) -> Self {
+        server.counts.connections.fetch_add(1, Ordering::Relaxed);
+        Self(server.clone())
+    }
+}
+
+impl Drop for Counted {
+    fn drop(&mut self) {
+        self.0.counts.connections.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+async fn serve(server: &Server, (router, place): (Router, Place), (socket, peer): (TcpStream, SocketAddr), tls: Option<TlsAcceptor>) {
+    let _ = socket.set_nodelay(true);
+    let patience = Duration::from_secs_f64(server.settings.limits.patience_s);
+    match tls {
+        None => requests(&server.clock, (router, place), (socket, peer), patience).await,
+        Some(tls) => {
+            if let Ok(Ok(stream)) = server.clock.deadline(patience, tls.accept(socket)).await {
+                requests(&server.clock, (router, place), (stream, peer), patience).await;
+            }
+        }
+    }
+}
+
+async fn requests<S>(clock: &Clock, (router, place): (Router, Place), (stream, peer): (S, SocketAddr), patience: Duration)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
     let service = TowerToHyperService::new(router);
+    let place = Mutex::new(place);
     let service = service_fn(move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(Peer(peer.ip()));
-        hyper::service::Service::call(&service, request)
+        let stop = is_stop(request.method(), request.uri());
+        let heard = place.lock().unwrap_or_else(PoisonError::into_inner).heard(stop);
+        let answer = heard.then(|| hyper::service::Service::call(&service, request));
+        async move {
+            match answer {
+                Some(answer) => answer.await,
+                None => {
+                    let words = "expected fewer connections at once, found more than this server has places for";
+                    Ok(Refusal::of(StatusCode::SERVICE_UNAVAILABLE, words).into_response())
+                }
+            }
+        }
     });
     let stream = Patient { stream, clock: clock.clone(), patience, waits: None, instead: None };
     // However a connection ends is its peer's business.

@@ -69,6 +69,10 @@ async fn next(mut listener: Listener) -> Option<(Result<Bytes, Infallible>, List
     loop {
         // A wake between this look and the wait is not missed.
         listener.wake.mark_unchanged();
+        // A token may have been revoked since the last event.
+        if !listener.welcome() {
+            return None;
+        }
         let text = listener.text();
         if !text.is_empty() {
             return Some((Ok(Bytes::from(text)), listener));
@@ -80,9 +84,6 @@ async fn next(mut listener: Listener) -> Option<(Result<Bytes, Infallible>, List
         tokio::select! {
             _ = listener.wake.changed() => {}
             () = clock.sleep_s(HEARTBEAT_S) => {
-                if !listener.welcome() {
-                    return None;
-                }
                 return Some((Ok(Bytes::from_static(b": still here\n\n")), listener));
             }
         }

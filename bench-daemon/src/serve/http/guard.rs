@@ -65,6 +65,11 @@ impl Rate {
     }
 }
 
+/// A stop, of one bench or of all.
+pub fn is_stop(method: &Method, uri: &Uri) -> bool {
+    method == Method::POST && uri.path().ends_with("/stop")
+}
+
 /// Around every request.
 pub async fn guard(State(app): State<App>, mut request: Request, next: Next) -> Response {
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
@@ -94,8 +99,7 @@ pub async fn guard(State(app): State<App>, mut request: Request, next: Next) -> 
 async fn admit(app: &App, peer: IpAddr, request: Request) -> Result<Request, Refusal> {
     let (now_s, limits) = (app.server.clock.now_s(), &app.server.settings.limits);
     // Nobody is told that they stop too often.
-    let stop = request.method() == Method::POST && request.uri().path().ends_with("/stop");
-    if !stop && !app.rate.take(peer, now_s) {
+    if !is_stop(request.method(), request.uri()) && !app.rate.take(peer, now_s) {
         return Err(Refusal::of(StatusCode::TOO_MANY_REQUESTS, "expected fewer requests, found more than this server bears from one peer"));
     }
     if request.uri().path_and_query().is_some_and(|path| path.as_str().len() > 2048) {

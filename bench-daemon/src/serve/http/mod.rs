@@ -51,6 +51,7 @@ impl App {
 pub fn router(app: &App) -> Router {
     let api = Router::new()
         .route("/openapi.json", get(openapi::document))
+        .route("/stop", post(benches::stop_all))
         .route("/whoami", get(benches::whoami))
         .route("/benches", get(benches::list))
         .route("/benches/{bench}", get(benches::detail))

@@ -16,7 +16,7 @@ use super::{benches, events, metrics, problem, queue, runs};
 #[openapi(
     info(title = "eis-bench", description = "A battery test bench: queue, runs, live state, trips."),
     paths(
-        document, benches::whoami, benches::list, benches::detail, benches::instruments, benches::identify, benches::stop, benches::trips,
+        document, benches::whoami, benches::list, benches::detail, benches::instruments, benches::identify, benches::stop, benches::stop_all, benches::trips,
         benches::clear, benches::audit, queue::list, queue::experiments, queue::plan, queue::submit, queue::cancel, queue::reorder, queue::hold,
         queue::release, runs::list, runs::detail, runs::spectra, runs::fits, runs::readings, runs::log, runs::files, runs::file, runs::pause,
         runs::go_on, runs::order, runs::resume, events::events, metrics::metrics

@@ -1,8 +1,8 @@
 // The page: what it knows, what it asks for, and what the keys do.
 "use strict";
 
-import { Refused, file, get, listen, post, remove, server, useToken } from "./server.js";
-import { $, drawInstruments, drawNow, drawRun, drawStop, drawTrip, duration, el, person, text, when } from "./bench.js";
+import { Refused, file, get, listen, post, remove, server, stopNow, useToken } from "./server.js";
+import { $, drawInstruments, drawNow, drawOthers, drawRun, drawStop, drawTrip, duration, el, person, text, when } from "./bench.js";
 import { MARKS, bode, make, mark, nyquist } from "./plots.js";
 
 const known = { benches: new Map(), bench: "", scopes: [], queue: { items: [], held: {} }, runs: [], spectra: new Map(), chosen: [], failing: 0 };
@@ -34,31 +34,43 @@ async function attempt(work, done) {
 
 // ---- the stop ------------------------------------------------------------------------------------------------------------------------------------
 
-async function stop() {
-  const button = $("stop");
+// Stops the bench that is shown, or all of them. A request that hangs is given up after some seconds and sent again: the server does a stop once, and tells
+// everybody who asks meanwhile how it went.
+async function stop(all) {
+  const button = $(all ? "stopall" : "stop");
+  const label = all ? "■ STOP ALL" : "■ STOP";
   button.classList.add("pressed");
   // Who stops before it is known which bench is meant, means all of them.
-  let benches = known.bench ? [known.bench] : null;
+  const one = all ? "" : known.bench;
+  const began = Date.now();
   for (let tries = 1; ; tries += 1) {
-    text(button, tries === 1 ? "■ STOPPING …" : `■ NOT REACHED, TRY ${tries} …`);
+    text(button, tries === 1 ? "■ STOPPING …" : `■ STOPPING, TRY ${tries} …`);
     try {
-      benches ||= (await get("/whoami")).benches;
-      known.bench ||= benches[0];
-      (await Promise.all(benches.map((bench) => post(`/benches/${bench}/stop`)))).forEach(stopped);
-      say("");
+      const reports = one ? [await stopNow(`/benches/${one}/stop`)] : await stopNow("/stop");
+      reports.forEach(stopped);
+      say(others(reports));
       break;
     } catch (error) {
+      const waited = Math.round((Date.now() - began) / 1000);
       if (error instanceof Refused && (error.status === 401 || error.status === 403)) {
         say(`The stop was refused: log in first (${error.message}). Without a token: the emergency switch, or on the machine: eis-bench safe`, true);
         break;
       }
-      say(`The stop has not reached the server (${error.message}). It is tried again. Use the emergency switch, or on the machine: eis-bench safe`, true);
+      const why = error.name === "TimeoutError" ? "no answer yet" : error.message;
+      say(`No word after ${waited} s that the bench is off (${why}). The stop is sent again. Use the emergency switch, or on the machine: eis-bench safe`, true);
       if (error instanceof Refused && error.status < 500 && error.status !== 429) break;
-      await new Promise((done) => setTimeout(done, 1000));
+      if (error.name !== "TimeoutError") await new Promise((done) => setTimeout(done, 500));
     }
   }
   button.classList.remove("pressed");
-  text(button, "■ STOP");
+  text(button, label);
+}
+
+// Benches that run on after a stop of another one.
+function others(reports) {
+  const off = new Set(reports.map((report) => report.bench));
+  const on = [...known.benches.values()].filter((bench) => !off.has(bench.bench) && (bench.state === "running" || bench.state === "unknown"));
+  return on.length ? `NOT stopped: ${on.map((bench) => `${bench.bench} (${bench.state})`).join(", ")}. STOP ALL stops every bench.` : "";
 }
 
 function stopped(report) {
@@ -73,10 +85,10 @@ document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") {
     const again = event.timeStamp - escaped < 1500;
     escaped = again ? 0 : event.timeStamp;
-    if (again) stop();
+    if (again) stop(false);
     else say("Esc once more within 1.5 s stops the bench.");
   } else if (event.key === "S" && event.shiftKey && !event.ctrlKey && !event.altKey && !event.metaKey && !typing) {
-    stop();
+    stop(false);
   }
 });
 
@@ -195,6 +207,7 @@ function draw() {
   drawRun(now, $("runbody"));
   drawActs();
   drawInstruments(now);
+  drawOthers([...known.benches.values()].filter((one) => one.bench !== known.bench), choose);
   drawTrip(now, (one) => attempt(() => post(`/benches/${one.bench}/trips/clear`, { cause: one.trip.cause }), () => `${one.bench} is cleared.`));
   // What a stop has shown is no longer so once something runs again, or has tripped since.
   const over = now.state === "running" || now.state === "paused" || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
@@ -204,13 +217,20 @@ function draw() {
   $("submit").hidden = !may("energise");
 }
 
+// Shows another bench.
+async function choose(bench) {
+  known.bench = bench;
+  $("stopped").hidden = true;
+  await attempt(refresh);
+}
+
 async function refresh() {
   const [benches, queue, runs, offered] = await Promise.all([get("/benches"), get("/queue"), get("/runs"), get("/experiments")]);
   known.benches = new Map(benches.map((one) => [one.bench, one]));
   if (!known.benches.has(known.bench)) known.bench = (benches.find((one) => one.run && one.run.going) || benches[0]).bench;
   [known.queue, known.runs] = [queue, runs];
   $("bench").replaceChildren(...benches.map((one) => el("option", { selected: one.bench === known.bench }, one.bench)));
-  $("choose").hidden = benches.length < 2;
+  $("choose").hidden = $("stopall").hidden = benches.length < 2;
   const before = $("experiment").value;
   $("experiment").replaceChildren(...offered.map((one) => el("option", { selected: one.experiment === before }, one.experiment)));
   known.spectra.clear();
@@ -228,7 +248,7 @@ function heard(kind, data) {
   if (kind === "live") {
     const before = known.benches.get(data.bench);
     known.benches.set(data.bench, data);
-    if (data.bench === known.bench) draw();
+    draw();
     if (data.bench === known.bench && before && (before.run && before.run.run) !== (data.run && data.run.run)) drawSpectra();
   }
   if (kind === "stop") stopped(data);
@@ -283,14 +303,11 @@ async function begin() {
   listen(heard, link);
 }
 
-$("stop").addEventListener("click", stop);
+$("stop").addEventListener("click", () => stop(false));
+$("stopall").addEventListener("click", () => stop(true));
 window.addEventListener("resize", drawSpectra);
 $("leave").addEventListener("click", () => { useToken(""); location.reload(); });
-$("bench").addEventListener("change", async () => {
-  known.bench = $("bench").value;
-  $("stopped").hidden = true;
-  await attempt(refresh);
-});
+$("bench").addEventListener("change", () => choose($("bench").value));
 $("login").addEventListener("submit", (event) => {
   event.preventDefault();
   useToken($("token").value.trim());

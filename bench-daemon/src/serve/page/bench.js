@@ -42,6 +42,7 @@ const ROLES = { supply4q: "bipolar supply" };
 const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
 
 const STATES = {
+  unknown: ["?", "Unknown: nobody has verified that every output is off"],
   idle: ["○", "Idle: nothing runs"],
   running: ["▶", "Running: current may flow"],
   paused: ["❚❚", "Paused: every output off"],
@@ -50,7 +51,9 @@ const STATES = {
 };
 
 export function drawNow(live) {
-  const [sign, words] = STATES[live.state] || ["?", live.state];
+  const outputs = live.instruments.map((one) => one.output).filter((output) => output !== null);
+  const off = live.state === "running" && outputs.length > 0 && outputs.every((output) => output === false);
+  const [sign, words] = off ? ["▶", "Running: every output is off"] : STATES[live.state] || ["?", live.state];
   $("state").className = `state ${live.state}`;
   text($("state"), `${sign} ${words}`);
   const reading = live.reading;
@@ -131,6 +134,18 @@ export function drawInstruments(live) {
   }));
 }
 
+// What the benches that are not shown want a person to know.
+export function drawOthers(others, choose) {
+  const loud = others.filter((one) => one.trip || one.state === "unknown" || (one.stop && one.stop.over && !one.stop.verified && !one.stop.simulated));
+  const words = loud.map((one) => [one.bench, one.trip ? `${one.bench} is latched: ${one.trip.cause}` : one.state === "unknown" ? `${one.bench}: nobody has verified that its outputs are off` : `${one.bench} was stopped, but not verified: LOOK AT THE BENCH`]);
+  const banner = $("others");
+  banner.hidden = !words.length;
+  const key = JSON.stringify(words);
+  if (banner.dataset.key === key) return;
+  banner.dataset.key = key;
+  banner.replaceChildren(...words.map(([bench, text]) => el("p", {}, el("strong", {}, "▲ "), `${text} `, el("button", { type: "button", onclick: () => choose(bench) }, `Show ${bench}`))));
+}
+
 export function drawTrip(live, clear) {
   const banner = $("trip");
   banner.hidden = !live.trip;
@@ -149,7 +164,7 @@ export function drawStop(report) {
   const banner = $("stopped");
   banner.hidden = !report;
   if (!report) return;
-  const head = !report.over ? "■ Stopping …" : report.simulated ? "✓ Stopped: this bench is simulated within the run's process, and that has ended. There is no output to read back." : report.verified ? "✓ Stopped: every output is off, read back." : "▲ STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.";
+  const head = !report.over ? `■ Stopping ${report.bench} …` : report.simulated ? "✓ Stopped: this bench is simulated within the run's process, and that has ended. There is no output to read back." : report.verified ? `✓ Stopped ${report.bench}: every output is off, read back.` : `▲ ${report.bench} STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.`;
   const key = `${report.unix_s} ${report.over} ${report.steps.length}`;
   if (banner.dataset.key === key) return;
   banner.dataset.key = key;

@@ -21,8 +21,13 @@ function headers(more) {
   return server.token ? { Authorization: `Bearer ${server.token}`, ...more } : { ...more };
 }
 
-async function asked(method, path, body) {
-  const init = { method, headers: headers(body === undefined ? {} : { "Content-Type": "application/json" }) };
+// A request that is not answered within this time is given up: a browser gives each host few connections, and one that hangs keeps the others out.
+const PATIENCE_MS = 15000;
+// A stop is tried again so soon: whoever asks again joins the stop under way.
+const STOP_MS = 4000;
+
+async function asked(method, path, body, patience = PATIENCE_MS) {
+  const init = { method, headers: headers(body === undefined ? {} : { "Content-Type": "application/json" }), signal: AbortSignal.timeout(patience) };
   if (body !== undefined) init.body = JSON.stringify(body);
   const response = await fetch(`/api/v1${path}`, init);
   if (!response.ok) throw new Refused(response.status, await response.json().catch(() => ({})));
@@ -31,11 +36,50 @@ async function asked(method, path, body) {
 
 export const get = async (path) => (await asked("GET", path)).json();
 export const post = async (path, body) => (await asked("POST", path, body)).json();
+export const stopNow = async (path) => (await asked("POST", path, undefined, STOP_MS)).json();
 export const remove = async (path) => (await asked("DELETE", path)).json();
 export const file = async (path) => (await asked("GET", path)).blob();
 
-// Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. Ends only when the token is refused.
+// Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. All tabs of a browser with the same token share one stream: the
+// tab that holds the lock listens and passes on what it hears; when it is closed, the next one takes over.
 export async function listen(on, link) {
+  if (!navigator.locks || !window.BroadcastChannel) return stream(on, link);
+  const name = `events ${await digest(server.token)}`;
+  const channel = new BroadcastChannel(name);
+  let leads = false;
+  let state = "down";
+  const linked = (now) => { state = now; link(now); };
+  channel.onmessage = ({ data }) => {
+    if (leads) {
+      if (data.ask) channel.postMessage({ link: state });
+      return;
+    }
+    if (data.link) linked(data.link);
+    if (data.kind) {
+      if (data.id) server.lastId = data.id;
+      on(data.kind, data.data);
+    }
+  };
+  // Who comes later asks for what it has missed.
+  channel.postMessage({ ask: true });
+  on("hello", {});
+  return navigator.locks.request(name, () => {
+    leads = true;
+    const pass = (kind, data) => {
+      channel.postMessage({ kind, data, id: server.lastId });
+      on(kind, data);
+    };
+    return stream(pass, (now) => { linked(now); channel.postMessage({ link: now }); });
+  });
+}
+
+async function digest(secret) {
+  const bytes = await crypto.subtle.digest("SHA-256", new TextEncoder().encode(secret));
+  return Array.from(new Uint8Array(bytes).slice(0, 8), (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+// Ends only when the token is refused.
+async function stream(on, link) {
   for (let pause = 500; ; pause = Math.min(pause * 2, 8000)) {
     try {
       const more = { Accept: "text/event-stream" };

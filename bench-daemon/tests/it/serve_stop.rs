@@ -1,0 +1,135 @@
+//! A stop that nothing can starve: a thousand sockets that come, say nothing and come again, three hundred listeners, a client that sends its head byte by byte;
+//! and the stop of a run in work is verified all the same.
+//!
+//! `EIS_BENCH_STOPS=100` stops so many runs instead of continuous integration's one, and prints how long each took.
+
+use std::{
+    io::{Read, Write},
+    net::TcpStream,
+    sync::atomic::{AtomicBool, Ordering},
+    time::Duration,
+};
+
+use instruments::clock::unix_time_s;
+
+use crate::{
+    serve_support::{Served, config, submit, token},
+    support::{EXPERIMENT, Files, Ports, poll},
+};
+
+const SILENT: usize = 1000;
+const LISTENERS: usize = 300;
+
+#[expect(clippy::disallowed_methods, reason = "the load comes in its own time")]
+fn sleep(seconds: f64) {
+    std::thread::sleep(Duration::from_secs_f64(seconds.max(0.0)));
+}
+
+/// Sockets without a word; those that the server lets go of come again at once.
+fn silent(address: &str, over: &AtomicBool) {
+    let mut sockets: Vec<TcpStream> = Vec::new();
+    while !over.load(Ordering::Relaxed) {
+        sockets.retain_mut(|socket| {
+            // A socket that still waits would block: it is there.
+            socket.read(&mut [0; 64]).is_err()
+        });
+        while sockets.len() < SILENT / 4 {
+            let Ok(socket) = TcpStream::connect(address) else { break };
+            socket.set_nonblocking(true).unwrap();
+            sockets.push(socket);
+        }
+        sleep(0.02);
+    }
+}
+
+/// A head that comes a byte at a time.
+fn slow(address: &str, over: &AtomicBool) {
+    while !over.load(Ordering::Relaxed) {
+        let Ok(mut socket) = TcpStream::connect(address) else { continue };
+        for byte in b"GET /api/v1/benches HTTP/1.1\r\nHost: localhost\r\n" {
+            if over.load(Ordering::Relaxed) || socket.write_all(&[*byte]).is_err() {
+                break;
+            }
+            sleep(0.1);
+        }
+    }
+}
+
+#[test]
+fn a_stop_is_heard_beside_silent_sockets_listeners_and_a_slow_client() {
+    let stops: usize = std::env::var("EIS_BENCH_STOPS").map_or(1, |stops| stops.parse().unwrap());
+    let files = Files::short(14).edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"2 Hz\"").without(EXPERIMENT, "fixture_check");
+    let ports = Ports::serve(&files, 1.0, 1);
+    config(&files, "[limits]\nrequests_per_s = 1000\nburst = 4000");
+    let served = Served::start(&files);
+    let over = AtomicBool::new(false);
+    let mut took: Vec<f64> = Vec::new();
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| silent(&served.address, &over));
+        }
+        scope.spawn(|| slow(&served.address, &over));
+        let listeners: Vec<_> = (0..LISTENERS).map(|_| served.listen("")).collect();
+        for _ in 0..stops {
+            submit(&served, r#"{"experiment":"demo"}"#);
+            poll("a current", || (ports.world.lock().unwrap().truth_current_a() != 0.0).then_some(()));
+            let asked_s = unix_time_s();
+            let report = served.post("/benches/demo/stop", "").expect(200).json();
+            took.push(unix_time_s() - asked_s);
+            assert_eq!((&report["verified"], &report["over"]), (&true.into(), &true.into()), "{report}");
+            assert_eq!(ports.world.lock().unwrap().truth_current_a(), 0.0);
+            served.post("/benches/demo/release", "").expect(200);
+        }
+        over.store(true, Ordering::Relaxed);
+        drop(listeners);
+    });
+    took.sort_by(f64::total_cmp);
+    println!("{stops} stops verified: {:.2} s in the middle, {:.2} s at most", took[took.len() / 2], took[took.len() - 1]);
+    ports.assert_outputs_off();
+    assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+}
+
+#[test]
+fn every_bench_is_stopped_at_once_and_a_revoked_token_hears_nothing_more() {
+    let files = Files::short(6);
+    let ports = Ports::serve(&files, 10.0, 1);
+    config(&files, "");
+    let served = Served::start(&files);
+    let (watcher, starter) = (token(&files, "watcher", "read"), token(&files, "starter", "energise,read"));
+    let mut events = served.listen(&format!("Authorization: Bearer {watcher}\r\n"));
+    assert_eq!(events.next().unwrap().1, "hello");
+    served.ask("POST", "/api/v1/queue", (&starter, r#"{"experiment":"demo"}"#)).expect(201);
+    poll("a current", || (ports.world.lock().unwrap().truth_current_a() != 0.0).then_some(()));
+    let config = files.path("serve.toml");
+    crate::support::program(&["token".as_ref(), "revoke".as_ref(), config.as_os_str(), "watcher".as_ref()]).expect_code(0);
+    // What is heard from here on was sent before; then the stream ends by itself while events go on.
+    assert!(events.count() < 200);
+    let reports = served.ask("POST", "/api/v1/stop", (&starter, "")).expect(200).json();
+    assert_eq!((reports.as_array().unwrap().len(), &reports[0]["verified"]), (1, &true.into()), "{reports}");
+    ports.assert_outputs_off();
+}
+
+#[test]
+fn tokens_made_at_the_same_time_are_all_kept_and_files_are_nobody_elses() {
+    use std::os::unix::fs::PermissionsExt;
+    let files = Files::short(2);
+    config(&files, "");
+    std::fs::create_dir_all(files.path("data")).unwrap();
+    std::thread::scope(|scope| {
+        for number in 0..20 {
+            let files = &files;
+            scope.spawn(move || token(files, &format!("t{number}"), "read"));
+        }
+    });
+    let config = files.path("serve.toml");
+    let listed = crate::support::program(&["token".as_ref(), "list".as_ref(), config.as_os_str()]);
+    assert_eq!(listed.stdout.lines().filter(|line| line.starts_with('t')).count(), 20, "{}", listed.stdout);
+    let mode = |name: &str| std::fs::metadata(files.path("data").join(name)).unwrap().permissions().mode() & 0o777;
+    assert_eq!(mode("tokens.json"), 0o600);
+    let served = Served::start(&files);
+    assert_eq!(mode("audit.jsonl") & !0o640, 0);
+    drop(served);
+    std::fs::set_permissions(files.path("data/audit.jsonl"), std::fs::Permissions::from_mode(0o666)).unwrap();
+    let refused = crate::support::program(&["serve".as_ref(), config.as_os_str()]);
+    assert!(refused.code != Some(0) && refused.stderr.contains("expected a file that not everybody may write"), "{}", refused.stderr);
+}
