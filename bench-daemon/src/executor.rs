@@ -3,6 +3,7 @@
 
 mod ahead;
 mod beside;
+mod burst;
 mod crest;
 mod dc;
 mod entrance;
@@ -128,6 +129,8 @@ pub struct Executor<'a> {
     announced: Option<usize>,
     /// The generator has gone on.
     ahead: Option<ahead::Ahead>,
+    /// How long its signal goes on by itself.
+    burst: burst::Burst,
     /// Time per division and trigger that the scope was armed with last.
     armed: Option<(Seconds, Trigger)>,
     /// How long the last reading took, s.
@@ -191,6 +194,7 @@ impl<'a> Executor<'a> {
             next: None,
             announced: None,
             ahead: None,
+            burst: burst::Burst::default(),
             armed: None,
             watch_took_s: 0.0,
             reset: dc::Reset::default(),

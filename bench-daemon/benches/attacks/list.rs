@@ -72,7 +72,7 @@ pub(crate) fn all() -> Vec<Attack> {
     let meddle = |role, count: usize| (0..count).map(move |variant| Deed::Fault(role, SecondClient, variant)).collect::<Vec<_>>();
 
     add(Job::Slow, SWEEP_S, &[Deed::Nothing]);
-    add(Job::Slow, SWEEP_S, &meddle("generator", 4));
+    add(Job::Slow, SWEEP_S, &meddle("generator", 5));
     add(Job::Slow, SWEEP_S, &meddle("supply4q", 3));
     add(Job::Slow, SWEEP_S, &meddle("load", 2));
     add(Job::Slow, SWEEP_S, &meddle("supply", 2));
@@ -89,8 +89,9 @@ pub(crate) fn all() -> Vec<Attack> {
         add(Job::Slow, SWEEP_S, &[fault(role, Lagging), fault(role, TooLate), fault(role, Reset), fault(role, Stall)]);
     }
     add(Job::Slow, SWEEP_S, &[Deed::Signal(0, SIGKILL), Deed::Signal(0, SIGSTOP), Deed::Signal(1, SIGKILL), Deed::Signal(1, SIGSTOP)]);
+    add(Job::Slow, SWEEP_S, &[Deed::Signal(2, SIGKILL), Deed::Signal(2, SIGSTOP)]);
 
-    add(Job::Fast, FAST_S, &[Deed::Nothing]);
+    add(Job::Fast, FAST_S, &[Deed::Nothing, Deed::Signal(2, SIGKILL)]);
     add(Job::Fast, FAST_S, &meddle("generator", 4));
     add(Job::Fast, FAST_S, &meddle("supply4q", 1));
     add(Job::Fast, FAST_S, &[fault("supply4q", OffsetDrift), fault("scope", ShortBlock)]);

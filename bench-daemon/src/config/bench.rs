@@ -191,6 +191,8 @@ pub struct Wiring {
     pub command_trim: f64,
     /// Offset of the generator that brings the mean current to zero, V.
     pub command_offset_v: f64,
+    /// The generator is told how many periods it plays, where it can be.
+    pub bursts: bool,
     /// The current shunt.
     pub shunt: KnownImpedance,
     /// Vertical scale of channels 1…4 for one ampere of amplitude, V per division.

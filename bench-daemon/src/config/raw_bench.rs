@@ -100,6 +100,7 @@ pub(super) struct Wiring {
     pub(super) generator_channel: u8,
     pub(super) command_trim: f64,
     pub(super) command_offset: Quantity<Voltage>,
+    pub(super) bursts: Option<bool>,
     pub(super) shunt: Known,
     /// Vertical scale of channels 1…4 for one ampere of amplitude.
     pub(super) scale_per_ampere: [Quantity<Voltage>; 4],

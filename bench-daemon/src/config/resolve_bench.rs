@@ -73,6 +73,7 @@ pub(super) fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
             generator_channel: wiring.generator_channel,
             command_trim: wiring.command_trim,
             command_offset_v: wiring.command_offset.si,
+            bursts: wiring.bursts.unwrap_or(true),
             shunt: known(source, "wiring.shunt", &wiring.shunt)?,
             scale_per_ampere_v: wiring.scale_per_ampere.map(|scale| scale.si),
         },

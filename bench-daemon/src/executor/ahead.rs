@@ -92,7 +92,7 @@ impl Executor<'_> {
         }
         self.interlock.begin(self.allowance(fixture, &next.sine()), self.clock.machine_s());
         let told_s = self.clock.now_s();
-        self.drive(freq_hz, amplitude_a).await?;
+        self.drive((freq_hz, amplitude_a, next.wait_s)).await?;
         let proven_s = self.clock.now_s();
         let since_s = if proven_s - told_s <= PROMPT_S { told_s } else { proven_s };
         self.ahead = Some(Ahead { freq_hz, amplitude_a, since_s });

@@ -11,7 +11,7 @@ use instruments::{
     units::{Hertz, Seconds, Volts},
 };
 
-use super::{Beside, ExecuteError, Executor, SweepPoint, require};
+use super::{Beside, ExecuteError, Executor, SweepPoint, burst::MOST_LONGER, require};
 use crate::{
     plan::{Band, MAX_RANGING},
     quality::Measures,
@@ -71,10 +71,9 @@ impl Executor<'_> {
         if self.verticals[0].is_none() {
             self.first_ranges(Fixture::Cell, band.peak_a, &scope).await?;
         }
-        self.wait_watching(band.settle_s, ("sine", Fixture::Cell)).await?;
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
-            let waveforms = self.roll(band, taken + attempt).await?;
+            let waveforms = self.settled_roll(band, (attempt, taken)).await?;
             self.crest(Fixture::Cell, (&waveforms, band.peak_a)).await?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
@@ -85,6 +84,22 @@ impl Executor<'_> {
             warnings.push(format!("measured again: {}", ranged.join("; ")));
         }
         Err(failed(band, format!("a channel still clips after {MAX_RANGING} changes of range")))
+    }
+
+    /// One record of the settled wave, which begins anew where it would have ended meanwhile.
+    async fn settled_roll(&mut self, band: &Band, (attempt, taken): (usize, usize)) -> Result<[Waveform; 4], ExecuteError> {
+        let needed_s = band.settle_s + band.span_s + FILL_S;
+        for longer in 0..=MOST_LONGER {
+            // What has no end plays on, and has settled.
+            if attempt + longer == 0 || self.burst.ends_s.is_finite() {
+                self.begin_signal(band.base_hz, needed_s).await?;
+                self.wait_watching(band.settle_s, ("sine", Fixture::Cell)).await?;
+            }
+            if let Some(waveforms) = self.roll(band, taken + attempt).await? {
+                return Ok(waveforms);
+            }
+        }
+        Err(failed(band, "the generator's burst ends before the record does"))
     }
 
     async fn play_wave(&mut self, band: &Band) -> Result<(), ExecuteError> {
@@ -98,11 +113,12 @@ impl Executor<'_> {
         // A wave is loaded while the least sine plays, never under a current.
         generator.quiet(wave.offset).await.map_err(&error)?;
         generator.wave(&wave).await.map_err(error)?;
+        self.no_burst();
         Ok(())
     }
 
-    /// One screen of whole periods, on disk when this returns.
-    async fn roll(&mut self, band: &Band, attempt: usize) -> Result<[Waveform; 4], ExecuteError> {
+    /// One screen of whole periods, on disk when this returns; none where the signal has ended, or would end, before it does.
+    async fn roll(&mut self, band: &Band, attempt: usize) -> Result<Option<[Waveform; 4]>, ExecuteError> {
         self.apply_verticals().await?;
         let error = self.bench.error("scope");
         let level = Volts(OUT_OF_REACH_DIV * self.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()));
@@ -115,9 +131,15 @@ impl Executor<'_> {
             scope.set(&intent).await.map_err(&error)?;
         }
         self.memory_points = Some(memory_points);
+        if self.falls_short(self.clock.now_s() + band.span_s + FILL_S) {
+            return Ok(None);
+        }
         self.wait_watching(band.span_s + FILL_S, ("sine", Fixture::Cell)).await?;
         let end_s = self.clock.now_s();
         require(&mut self.bench.scope, "scope")?.stop().await.map_err(&error)?;
+        if self.falls_short(self.clock.now_s()) {
+            return Ok(None);
+        }
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
             waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, band.record_points).await.map_err(&error)?);
@@ -128,7 +150,7 @@ impl Executor<'_> {
         let label = format!("multisine {} repeat {} attempt {}", band.number, self.repeat, attempt + 1);
         let capture = capture_of(label, band.base_hz, end_s - band.span_s, &waveforms);
         self.recorder.write_capture(&format!("multisine_{}", self.repeat), &capture_name(band, attempt), &capture)?;
-        Ok(waveforms)
+        Ok(Some(waveforms))
     }
 
     fn lines(

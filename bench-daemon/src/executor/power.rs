@@ -51,6 +51,7 @@ impl Executor<'_> {
         let generator = require(&mut self.bench.generator, "generator")?;
         generator.output(false).await.map_err(&error)?;
         generator.quiet(offset).await.map_err(&error)?;
+        self.no_burst();
         let error = self.bench.error("supply4q");
         let supply = require(&mut self.bench.supply4q, "supply4q")?;
         supply.prepare(limits).await.map_err(&error)?;

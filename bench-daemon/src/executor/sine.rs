@@ -10,6 +10,7 @@ use instruments::{
 
 use super::{
     Beside, ExecuteError, Executor,
+    burst::MOST_LONGER,
     record::{Asked, Taken, analyse},
     require,
     watch::drawn,
@@ -77,7 +78,7 @@ impl Executor<'_> {
         };
         let mut driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
             Some(since_s) => since_s,
-            None => self.driven(fixture, (freq_hz, amplitude_a)).await?,
+            None => self.driven(fixture, (freq_hz, amplitude_a, wait_s)).await?,
         };
         let scope = require(&mut self.bench.scope, "scope")?.capabilities();
         if self.verticals[0].is_none() {
@@ -90,11 +91,21 @@ impl Executor<'_> {
                 // The generator may have gone on already, and the ranges are new in any case.
                 self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
                 driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
-                    None if self.next.is_none() => self.clock.now_s(),
-                    _ => self.driven(fixture, (freq_hz, amplitude_a)).await?,
+                    None if self.next.is_none() && self.burst.ends_s.is_infinite() => self.clock.now_s(),
+                    _ => self.driven(fixture, (freq_hz, amplitude_a, wait_s)).await?,
                 };
             }
-            let waveforms = self.capture(eis, (freq_hz, wait_s, driven_s), fixture).await?;
+            let mut longer = 0..MOST_LONGER;
+            let waveforms = loop {
+                if let Some(waveforms) = self.capture(eis, (freq_hz, wait_s, driven_s), fixture).await? {
+                    break waveforms;
+                }
+                if longer.next().is_none() {
+                    return Err(ExecuteError::Signal { freq_hz, reason: "the generator's burst ends before the record does".to_owned() });
+                }
+                tracing::debug!(freq_hz, "a longer burst: the record would have outlasted it");
+                driven_s = self.driven(fixture, (freq_hz, amplitude_a, wait_s)).await?;
+            };
             let length_s = waveforms[0].interval_s * waveforms[0].codes.len() as f64;
             let (attempt_in_all, time_s) = (taken + attempt, self.stopped_s - 0.5 * length_s);
             let file = CaptureFile {
@@ -124,14 +135,14 @@ impl Executor<'_> {
     }
 
     /// As [`Self::drive`], where the crests are allowed; gives the instant from which on it settles, bench s.
-    async fn driven(&mut self, fixture: Fixture, (freq_hz, amplitude_a): (f64, f64)) -> Result<f64, ExecuteError> {
+    async fn driven(&mut self, fixture: Fixture, (freq_hz, amplitude_a, wait_s): (f64, f64, f64)) -> Result<f64, ExecuteError> {
         self.headroom(fixture, (freq_hz, amplitude_a))?;
-        self.drive(freq_hz, amplitude_a).await?;
+        self.drive((freq_hz, amplitude_a, wait_s)).await?;
         Ok(self.clock.now_s())
     }
 
-    /// Sets the generator so that the supply drives `amplitude_a`.
-    pub(super) async fn drive(&mut self, freq_hz: f64, amplitude_a: f64) -> Result<(), ExecuteError> {
+    /// Sets the generator so that the supply drives `amplitude_a`, for `wait_s` at least.
+    pub(super) async fn drive(&mut self, (freq_hz, amplitude_a, wait_s): (f64, f64, f64)) -> Result<(), ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
@@ -142,7 +153,7 @@ impl Executor<'_> {
         };
         let error = self.bench.error("generator");
         require(&mut self.bench.generator, "generator")?.sine(&sine).await.map_err(error)?;
-        Ok(())
+        self.begin_signal(freq_hz, wait_s).await
     }
 
     /// The configured scales, with the cell's voltage brought to the centre of channel 4.
@@ -168,16 +179,20 @@ impl Executor<'_> {
         Ok(())
     }
 
+    /// The four channels of a record; none where the signal has ended, or would end, before it does.
     async fn capture(
         &mut self,
         eis: &Eis,
         (freq_hz, wait_s, driven_s): (f64, f64, f64),
         fixture: Fixture,
-    ) -> Result<[Waveform; 4], ExecuteError> {
+    ) -> Result<Option<[Waveform; 4]>, ExecuteError> {
         self.apply_verticals().await?;
         let screen_s = self.arm_screen(Seconds(eis.periods_on_screen / freq_hz)).await?;
+        let ripe_s = if self.overlaps() { self.ripe_s((freq_hz, wait_s), driven_s, screen_s) } else { self.clock.now_s() + wait_s };
+        if self.falls_short(ripe_s) {
+            return Ok(None);
+        }
         let chosen = if self.overlaps() {
-            let ripe_s = self.ripe_s((freq_hz, wait_s), driven_s, screen_s);
             self.announce()?;
             let error = self.bench.error("scope");
             let chosen = require(&mut self.bench.scope, "scope")?.choose(1, eis.record_points).await.map_err(error)?;
@@ -190,10 +205,14 @@ impl Executor<'_> {
         let error = self.bench.error("scope");
         require(&mut self.bench.scope, "scope")?.stop().await.map_err(error)?;
         self.stopped_s = self.clock.now_s();
+        if self.falls_short(self.stopped_s) {
+            return Ok(None);
+        }
         self.go_ahead(fixture).await?;
         let waveforms = self.fetch_frame((eis.record_points, chosen), fixture).await?;
         self.check_frame(freq_hz, &waveforms, screen_s)?;
-        waveforms.try_into().map_err(|_| ExecuteError::Signal { freq_hz, reason: "not four channels".to_owned() })
+        let four = waveforms.try_into().map_err(|_| ExecuteError::Signal { freq_hz, reason: "not four channels".to_owned() })?;
+        Ok(Some(four))
     }
 
     /// Arms the scope for a span; gives the length of its screen, s.

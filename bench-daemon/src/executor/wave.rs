@@ -62,6 +62,7 @@ impl Executor<'_> {
         let offset = Volts(self.experiment.bench.wiring.command_offset_v);
         let error = self.bench.error("generator");
         require(&mut self.bench.generator, "generator")?.quiet(offset).await.map_err(error)?;
+        self.no_burst();
         once(&trace.name, self.clock.now_s() - began_s, step_s * steps as f64)?;
         let capture = self.download((&frame, frozen_s), (trace, "wave")).await?;
         let (origin_s, found) = self.frames(trace, &zero).of_wave(&capture, (began_s, step_s), planned_s);
@@ -86,6 +87,8 @@ impl Executor<'_> {
         shape.resize(steps, 0.0);
         generator.quiet(offset).await.map_err(&error)?;
         generator.wave(&Wave::named("run", shape, Hertz(freq_hz), (amplitude, offset))).await.map_err(&error)?;
+        self.no_burst();
+        self.begin_periods(freq_hz, 1.0).await?;
         Ok(1.0 / (freq_hz * steps as f64))
     }
 

@@ -135,6 +135,7 @@ pub struct Interlock {
     voltage: Last,
     amps: Last,
     temperature: Last,
+    silent: bool,
 }
 
 /// Periods of a slow sinusoid in which a reading must move.
@@ -158,6 +159,7 @@ impl Interlock {
             voltage: Last::default(),
             amps: Last::default(),
             temperature: Last::default(),
+            silent: false,
         }
     }
 
@@ -181,6 +183,15 @@ impl Interlock {
             self.temperatures.clear();
         }
         self.allowance = allowance;
+    }
+
+    /// Whether the signal of the step has ended by itself: nothing moves any more then, and the last period is no whole one.
+    pub fn silent(&mut self, silent: bool) {
+        if silent != self.silent {
+            self.period.clear();
+            (self.voltage.time_s, self.amps.time_s) = (None, None);
+        }
+        self.silent = silent;
     }
 
     /// Something else is in the jig: what was seen before says nothing of it.
@@ -270,7 +281,7 @@ impl Interlock {
 
     /// The mean over the last period, by the trapezoidal rule, as soon as a whole one was read.
     fn mean(&mut self, reading: &Reading) -> Option<Trip> {
-        let mean = self.allowance.mean.filter(Mean::followed)?;
+        let mean = self.allowance.mean.filter(|mean| mean.followed() && !self.silent)?;
         self.period.push_back((reading.time_s, reading.current_a?));
         let from_s = reading.time_s - mean.period_s;
         while self.period.get(1).is_some_and(|(time_s, _)| *time_s <= from_s) {
@@ -293,7 +304,7 @@ impl Interlock {
 
     /// What the mean of the current may be in the step in work.
     pub fn allowed_mean(&self) -> Option<Mean> {
-        self.allowance.mean
+        self.allowance.mean.filter(|_| !self.silent)
     }
 
     fn charge(&self, time_s: f64) -> Option<Trip> {
@@ -313,7 +324,8 @@ impl Interlock {
         let held = reading.voltage_v.is_some_and(|volts| volts >= self.allowance.held_v);
         let cell = |since: Option<(f64, f64)>| since.filter(|_| self.allowance.cell);
         let charge = |since: Option<(f64, f64)>| Some((cell(since)?.0, settings.frozen_c, "C"));
-        let time = |since: Option<(f64, f64)>| Some((since?.1, settings.frozen_s.max(SWINGS * self.allowance.swing_s?), "s"));
+        let swing_s = self.allowance.swing_s.filter(|_| !self.silent);
+        let time = |since: Option<(f64, f64)>| Some((since?.1, settings.frozen_s.max(SWINGS * swing_s?), "s"));
         let stood = [
             ("charge while the cell voltage stood still", charge(volts.filter(|_| !held))),
             ("charge while the cell temperature stood still", charge(celsius)),

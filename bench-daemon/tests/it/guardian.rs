@@ -16,9 +16,11 @@ use nix::{
     unistd::Pid,
 };
 
+use instruments::clock::unix_time_s;
+
 use crate::{
     kill::{end, start, wait_for_points},
-    support::{BENCH, Ended, Files, Ports, Running, files_below, json, poll, program},
+    support::{BENCH, EXPERIMENT, Ended, Files, Ports, Running, files_below, json, poll, program},
 };
 
 const FACTOR: f64 = 10.0;
@@ -73,6 +75,35 @@ fn a_daemon_that_is_killed_leaves_a_bench_that_is_off_within_five_seconds() {
     assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
     // Nobody has to look: nothing was wrong with the cell.
     assert!(!state(&files, "trip.json").exists());
+}
+
+#[test]
+fn the_drive_ends_by_itself_where_nobody_is_left_to_end_it() {
+    for (generator, ends) in [("bursts", true), ("bursts, but not this instrument", false), ("no bursts", false)] {
+        let mut files = Files::short(6).edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"2 Hz\"").without(EXPERIMENT, "fixture_check");
+        if generator == "no bursts" {
+            files = files.edit(BENCH, "[wiring]", "[wiring]\nbursts = false");
+        } else if !ends {
+            files = files.append(BENCH, "[simulation.quirks.generator]\nbursts = false");
+        }
+        let ports = Ports::serve(&files, FACTOR, 1);
+        let run = files.path("killed");
+        let mut child = start(&files, &run, &[]);
+        let flows = || ports.world.lock().unwrap().truth_current_a().abs() > 0.3;
+        poll("a current", || flows().then_some(()));
+        let watching = report(&files, "watching");
+        signal(i32::try_from(watching["pid"].as_i64().unwrap()).unwrap(), Signal::SIGKILL);
+        child.0.kill().unwrap();
+        // 60 s of the bench: more than any burst of this sweep.
+        let killed_s = unix_time_s();
+        poll("the time that a burst takes", || (unix_time_s() > killed_s + 60.0 / FACTOR).then_some(()));
+        let silent = (0..30).all(|_| ports.ask("supply4q", "MEAS:CURR?").trim().parse::<f64>().unwrap().abs() < 0.1);
+        assert_eq!(silent, ends, "{generator}");
+        let events = fs::read_to_string(run.join("events.csv")).unwrap();
+        assert_eq!(events.contains("generator: takes no bursts"), generator == "bursts, but not this instrument", "{events}");
+        on_bench(&files, &["safe"]).expect_code(0);
+        ports.assert_outputs_off();
+    }
 }
 
 #[test]

@@ -236,7 +236,8 @@ impl Ports {
     pub(crate) fn serve(files: &Files, factor: f64, seed: u64) -> Self {
         let (bench, _) = load_bench(&files.path(BENCH)).unwrap();
         let mode = TimeMode::Scaled(factor);
-        let simulation = Simulation::new(&files.path(SCENARIO), seed).unwrap();
+        let quirks = bench.simulation.as_ref().map(|simulation| simulation.quirks.clone()).unwrap_or_default();
+        let simulation = Simulation::new(&files.path(SCENARIO), seed).unwrap().with_quirks(quirks);
         let world = simulation.world().clone();
         let (stop, stopped) = tokio::sync::oneshot::channel();
         let (tell, told) = mpsc::channel();

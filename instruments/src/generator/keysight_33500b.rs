@@ -24,6 +24,8 @@ const WAVE_POINTS: usize = 65_536;
 /// Fewest points of a wave.
 const WAVE_FEWEST: usize = 8;
 const WAVE_FULL_SCALE: f64 = 32_767.0;
+/// Most periods of a burst: the user's guide has 1 to 100 000 000.
+const BURST_PERIODS: u32 = 100_000_000;
 /// A millivolt, 2 mA of a supply of ±20 A.
 const OFFSET_TOLERANCE_V: f64 = 1.0e-3;
 
@@ -137,6 +139,25 @@ impl Dialect for Keysight {
             // The function before the amplitude: else a sine would have it.
             Exchange::word(format!("{source}:FUNC ARB"), format!("{source}:FUNC?"), &["ARB"]),
             number(format!("{source}:VOLT {peak_to_peak_v:.4}"), &format!("{source}:VOLT"), peak_to_peak_v, tolerance_v),
+        ]
+    }
+
+    fn most_periods(&self) -> Option<u32> {
+        Some(BURST_PERIODS)
+    }
+
+    /// Assumed: a burst that still plays ends where bursts are switched off, and the signal begins at phase zero with its trigger.
+    fn burst(&self, channel: u8, periods: Option<u32>) -> Vec<Exchange> {
+        let source = format!("SOUR{channel}:BURS");
+        let state = |on| Exchange::switch(&format!("{source}:STAT"), on);
+        let Some(periods) = periods else { return vec![state(false)] };
+        vec![
+            Exchange::word(format!("{source}:MODE TRIG"), format!("{source}:MODE?"), &["TRIG", "TRIGGERED"]),
+            Exchange::word(format!("TRIG{channel}:SOUR BUS"), format!("TRIG{channel}:SOUR?"), &["BUS"]),
+            number(format!("{source}:NCYC {periods}"), &format!("{source}:NCYC"), f64::from(periods), 0.5),
+            Exchange::send(format!("{source}:STAT OFF")),
+            state(true),
+            Exchange::send(format!("TRIG{channel}")),
         ]
     }
 

@@ -84,6 +84,15 @@ pub trait Dialect: Model {
             reason: "expected a model that plays waves, found one that plays sines".to_owned(),
         }]
     }
+    /// Most periods of a burst; none where the model has no bursts.
+    fn most_periods(&self) -> Option<u32> {
+        None
+    }
+    /// From now on so many periods of what is set, then the offset without a further message; without a number no end. The output stays as it is.
+    fn burst(&self, channel: u8, periods: Option<u32>) -> Vec<Exchange> {
+        let (message, reason) = (format!("burst on channel {channel}"), "expected a model that has bursts".to_owned());
+        if periods.is_some() { vec![Exchange::Refuse { message, reason }] } else { Vec::new() }
+    }
     /// The least sine around an offset, everything else that could move the output off; the output stays as it is.
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
 }
@@ -126,6 +135,20 @@ impl Instrument<dyn Dialect> {
     pub async fn wave(&mut self, wave: &Wave) -> Result<(), LinkError> {
         let script = self.dialect.wave(self.output_channel(), wave);
         self.forget_signal();
+        self.tell(&script).await
+    }
+
+    /// Most periods of a burst; none where the model has no bursts.
+    pub fn most_periods(&self) -> Option<u32> {
+        self.dialect.most_periods()
+    }
+
+    /// Begins so many periods of what was set, after which the output stays at its offset whether or not anybody says more; without a number, no end.
+    ///
+    /// # Errors
+    /// As [`Self::sine`].
+    pub async fn burst(&mut self, periods: Option<u32>) -> Result<(), LinkError> {
+        let script = self.dialect.burst(self.output_channel(), periods);
         self.tell(&script).await
     }
 

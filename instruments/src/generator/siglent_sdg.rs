@@ -27,6 +27,8 @@ const OFFSET_TOLERANCE_V: f64 = 1.0e-3;
 /// Points of a wave's table.
 const WAVE_POINTS: usize = 16_384;
 const WAVE_FULL_SCALE: f64 = 32_767.0;
+/// Most periods of a burst: the programming guide has 1 to 1 000 000.
+const BURST_PERIODS: u32 = 1_000_000;
 
 pub(super) struct Sdg;
 
@@ -109,6 +111,27 @@ impl Dialect for Sdg {
                 read_back: format!("C{channel}:BSWV?"),
                 expect: Expect::All(vec![Expect::FieldWord("WVTP", "ARB"), Expect::Fields(fields)]),
             },
+        ]
+    }
+
+    fn most_periods(&self) -> Option<u32> {
+        Some(BURST_PERIODS)
+    }
+
+    /// Assumed: a burst that still plays ends where bursts are switched off, and the signal begins at its phase with the trigger.
+    fn burst(&self, channel: u8, periods: Option<u32>) -> Vec<Exchange> {
+        let state = |arguments: &str, expect| set(channel, "BTWV", arguments, expect);
+        let Some(periods) = periods else { return vec![state("STATE,OFF", contains("STATE,OFF"))] };
+        let armed = Expect::All(vec![
+            contains("STATE,ON"),
+            Expect::FieldWord("GATE_NCYC", "NCYC"),
+            Expect::FieldWord("TRSR", "MAN"),
+            Expect::Fields(vec![("TIME", f64::from(periods), 0.5)]),
+        ]);
+        vec![
+            Exchange::send(format!("C{channel}:BTWV STATE,OFF")),
+            state(&format!("STATE,ON,GATE_NCYC,NCYC,TRSR,MAN,TIME,{periods}"), armed),
+            Exchange::send(format!("C{channel}:BTWV MTRIG")),
         ]
     }
 

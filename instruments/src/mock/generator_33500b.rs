@@ -2,8 +2,8 @@
 //! was adjusted.
 //!
 //! Voltages are kept as the open-circuit voltage behind 50 Ω; `OUTPut:LOAD` only changes how they are reported and understood. Only channel 1 is wired to
-//! the bench, and only a sine, a constant voltage and loaded waves are simulated. Burst, sweep and modulation are off and stay off. Assumed: an amplitude or
-//! offset that leaves the range is adjusted to it with −221; the phase starts anew when the frequency, the sample rate, the phase, the function or the output
+//! the bench, and only a sine, a constant voltage and loaded waves are simulated, for ever or in triggered bursts of so many periods. Sweep and modulation are
+//! off and stay off. Assumed: an amplitude or offset that leaves the range is adjusted to it with −221; the phase starts anew when the frequency, the sample rate, the phase, the function or the output
 //! changes; a wave is held from point to point whatever its filter, and ±32767 of the converter is ± half the amplitude. Waves are taken as text, not as blocks.
 
 mod tree;
@@ -50,7 +50,24 @@ struct Channel {
     load_ohm: f64,
     inverted: bool,
     since_s: f64,
+    burst: Burst,
 }
+
+/// Bursts of a channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Burst {
+    on: bool,
+    /// What triggers one.
+    source: &'static str,
+    periods: u32,
+    /// It was triggered since bursts were switched on.
+    fired: bool,
+}
+
+/// What can trigger a burst.
+const SOURCES: [&str; 4] = ["IMMediate", "EXTernal", "TIMer", "BUS"];
+/// Fewest and most periods of a burst.
+const PERIODS: (f64, f64) = (1.0, 1e8);
 
 impl Default for Channel {
     fn default() -> Self {
@@ -68,6 +85,7 @@ impl Default for Channel {
             load_ohm: SOURCE_OHM,
             inverted: false,
             since_s: 0.0,
+            burst: Burst { on: false, source: "IMMediate", periods: 1, fired: false },
         }
     }
 }
@@ -94,9 +112,16 @@ impl Channel {
     }
 
     fn restarts_from(&self, old: &Self) -> bool {
-        let key =
-            |channel: &Self| (channel.constant, channel.arbitrary, channel.rate_hz, channel.freq_hz, channel.phase_deg, channel.output_on);
+        let key = |channel: &Self| {
+            let signal = (channel.constant, channel.arbitrary, channel.rate_hz, channel.freq_hz, channel.phase_deg);
+            (signal, channel.output_on, channel.burst.on)
+        };
         key(self) != key(old)
+    }
+
+    /// Periods per second; `points`: those of the chosen wave.
+    fn played_hz(&self, points: usize) -> f64 {
+        if self.arbitrary { self.rate_hz / points.max(1) as f64 } else { self.freq_hz }
     }
 
     /// `points`: those of the chosen wave.
@@ -112,7 +137,8 @@ impl Channel {
         GeneratorState {
             offset_v,
             amplitude_v: self.amplitude_vpp / 2.0,
-            freq_hz: if self.arbitrary { self.rate_hz / points.max(1) as f64 } else { self.freq_hz },
+            freq_hz: self.played_hz(points),
+            periods: self.burst.on.then_some(if self.burst.fired { self.burst.periods } else { 0 }),
             phase_rad: self.phase_deg.to_radians() + turned,
             since_s: self.since_s,
         }
@@ -124,6 +150,7 @@ pub(super) struct Keysight {
     world: World,
     status: Status,
     serial_number: String,
+    bursts: bool,
     channels: [Channel; 2],
     /// Loaded waves by name, of each channel.
     waves: [BTreeMap<String, Arc<[f64]>>; 2],
@@ -138,6 +165,7 @@ impl Keysight {
             world: World::new(plant, options.since_s),
             status,
             serial_number,
+            bursts: options.quirks.is("bursts"),
             channels: [Channel::default(); 2],
             waves: Default::default(),
             chosen: [None, None],
@@ -260,6 +288,46 @@ impl Keysight {
     fn set_polarity(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let inverted = arguments.word(&["NORMal", "INVerted"])? == "INVerted";
         self.change(index, |channel| channel.inverted = inverted);
+        Ok(())
+    }
+
+    fn set_burst_state(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
+        let on = arguments.switch()?;
+        if on && !self.bursts {
+            return fail(ErrorCode::SettingsConflict);
+        }
+        self.change(index, |channel| channel.burst = Burst { on, fired: channel.burst.fired && on, ..channel.burst });
+        Ok(())
+    }
+
+    /// Only counted bursts are simulated.
+    fn set_burst_mode(&mut self, _: usize, arguments: &mut Arguments) -> Fallible {
+        if arguments.word(&["TRIGgered", "GATed"])? == "GATed" { fail(ErrorCode::SettingsConflict) } else { Ok(()) }
+    }
+
+    fn set_burst_periods(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
+        let (min, max) = PERIODS;
+        let periods = arguments.number_in("", Span { min, max, default: min })?;
+        let periods = self.status.bounded(periods, PERIODS)?;
+        self.change(index, |channel| channel.burst.periods = periods as u32);
+        Ok(())
+    }
+
+    fn set_trigger_source(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
+        let source = arguments.word(&SOURCES)?;
+        self.change(index, |channel| channel.burst.source = source);
+        Ok(())
+    }
+
+    /// A trigger begins a burst unless one is in work.
+    fn trigger(&mut self, index: usize, _: &mut Arguments) -> Fallible {
+        let (channel, now_s) = (self.channels[index], self.world.now_s);
+        let played_hz = channel.played_hz(self.wave(index).map_or(0, |wave| wave.len()));
+        let plays = channel.burst.fired && now_s - channel.since_s < f64::from(channel.burst.periods) / played_hz;
+        if !channel.burst.on || plays {
+            return fail(ErrorCode::TriggerIgnored);
+        }
+        self.change(index, |channel| (channel.burst.fired, channel.since_s) = (true, now_s));
         Ok(())
     }
 

@@ -105,6 +105,8 @@ pub struct GeneratorState {
     pub phase_rad: f64,
     /// Bench time that the phase refers to, s.
     pub since_s: f64,
+    /// Whole periods from then on, behind which only the offset stays; none: no end.
+    pub periods: Option<u32>,
 }
 
 /// State of a bipolar supply.

@@ -83,7 +83,10 @@ pub(super) const KEPCO_MG: &[Quirk] =
     &[quirk("off_active", "its output, when off, is held at zero volts until it is told otherwise", Kind::Switch(false)), FUNCTION];
 pub(super) const KEPCO_LINEAR: &[Quirk] =
     &[quirk("analog_wired", "the analog input is wired up and commands the output whenever that is on", Kind::Switch(true)), FUNCTION];
+const BURSTS: Quirk = quirk("bursts", "it plays bursts of so many periods", Kind::Switch(true));
+pub(super) const B33500: &[Quirk] = &[BURSTS];
 pub(super) const SDG: &[Quirk] = &[
+    BURSTS,
     quirk("header", "answers begin with the header of the question", Kind::Switch(true)),
     quirk("units", "numbers in answers have their units behind them", Kind::Switch(true)),
     quirk("errors", "what `SYST:ERR?` gets where nothing is queued", Kind::Word(&["text", "signed", "silence"])),

@@ -170,7 +170,8 @@ fn the_generator_drives_the_world_and_restarts_its_phase_on_a_new_frequency() {
     assert_eq!(state(&bench), GeneratorState::default());
     bench.now_s = 5.0;
     bench.send(&["C1:OUTP ON"]);
-    let on = GeneratorState { offset_v: -0.28, amplitude_v: 1.045, freq_hz: 10.0, phase_rad: std::f64::consts::FRAC_PI_2, since_s: 5.0 };
+    let phase_rad = std::f64::consts::FRAC_PI_2;
+    let on = GeneratorState { offset_v: -0.28, amplitude_v: 1.045, freq_hz: 10.0, phase_rad, since_s: 5.0, periods: None };
     assert_eq!(state(&bench), on);
     bench.now_s = 6.0;
     bench.send(&["C1:BSWV AMP,1"]);
@@ -185,6 +186,35 @@ fn the_generator_drives_the_world_and_restarts_its_phase_on_a_new_frequency() {
     assert_eq!(state(&bench), GeneratorState::default());
     bench.send(&["C1:BSWV WVTP,DC,OFST,1", "C1:OUTP ON,LOAD,HZ"]);
     assert_eq!(state(&bench).amplitude_v, 0.0);
+}
+
+#[test]
+fn a_generator_plays_as_many_periods_as_it_was_told_and_waits_for_its_trigger() {
+    for (model, set, count, fire) in [
+        ("siglent-sdg1000x", "C1:BSWV WVTP,SINE,FRQ,10,AMP,2", "C1:BTWV STATE,ON,GATE_NCYC,NCYC,TRSR,MAN,TIME,30", "C1:BTWV MTRIG"),
+        ("keysight-33500b", "SOUR1:FREQ 10", "TRIG1:SOUR BUS;:SOUR1:BURS:MODE TRIG;NCYC 30;STAT ON", "TRIG1"),
+    ] {
+        let mut bench = Bench::new(model);
+        let periods = |bench: &Bench| match bench.last_action() {
+            Action::Generator(state) => (state.periods, state.since_s),
+            other => panic!("{other:?}"),
+        };
+        bench.send(&[set, if model.starts_with("siglent") { "C1:OUTP ON" } else { "OUTP1 ON" }]);
+        assert_eq!(periods(&bench).0, None, "{model}");
+        bench.now_s = 2.0;
+        bench.send(&[count]);
+        assert_eq!(periods(&bench).0, Some(0), "{model}");
+        bench.now_s = 3.0;
+        bench.send(&[fire]);
+        assert_eq!(periods(&bench), (Some(30), 3.0), "{model}");
+        // One that is in work is not begun anew, one that is over is.
+        bench.now_s = 5.9;
+        bench.send(&[fire]);
+        assert_eq!(periods(&bench), (Some(30), 3.0), "{model}");
+        bench.now_s = 6.1;
+        bench.send(&[fire]);
+        assert_eq!(periods(&bench), (Some(30), 6.1), "{model}");
+    }
 }
 
 #[test]

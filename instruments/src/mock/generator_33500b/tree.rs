@@ -21,7 +21,7 @@ fn only_vpp(_: &mut Keysight, arguments: &mut Arguments) -> Fallible {
     arguments.word(&["VPP"]).map(|_| ())
 }
 
-/// Burst, sweep and modulation can be switched off.
+/// Sweep and modulation can be switched off.
 fn only_off(_: &mut Keysight, arguments: &mut Arguments) -> Fallible {
     if arguments.switch()? { fail(ErrorCode::SettingsConflict) } else { Ok(()) }
 }
@@ -81,10 +81,34 @@ macro_rules! source {
                 |device, _| number(device.channels[$index].phase_deg),
             ); Leaf! {b"SYNChronize" => &set(Keysight::align_phases)}},
             Branch! {b"APPLy"; Leaf! {b"SINusoid" => &set(|device: &mut Keysight, arguments| device.apply($index, arguments))}},
-            modifier! {b"BURSt"},
+            Branch! {b"BURSt";
+                Leaf! {b"STATe" => &both(
+                    |device: &mut Keysight, arguments| device.set_burst_state($index, arguments),
+                    |device, _| text(if device.channels[$index].burst.on { "1" } else { "0" }),
+                )},
+                Leaf! {b"MODE" => &both(
+                    |device: &mut Keysight, arguments| device.set_burst_mode($index, arguments),
+                    |_, _| text("TRIG"),
+                )},
+                Leaf! {b"NCYCles" => &both(
+                    |device: &mut Keysight, arguments| device.set_burst_periods($index, arguments),
+                    |device, _| number(f64::from(device.channels[$index].burst.periods)),
+                )}
+            },
             modifier! {b"SWEep"},
             modifier! {b"AM"},
             modifier! {b"FM"}
+        }
+    };
+}
+
+macro_rules! trigger {
+    ($name:literal, $index:literal) => {
+        Branch! {$name => &set(|device: &mut Keysight, arguments| device.trigger($index, arguments));
+            Leaf! {b"SOURce" => &both(
+                |device: &mut Keysight, arguments| device.set_trigger_source($index, arguments),
+                |device, _| text(device.channels[$index].burst.source.trim_end_matches(char::is_lowercase)),
+            )}
         }
     };
 }
@@ -123,6 +147,9 @@ pub(super) const TREE: Node<'static, Keysight> = Root! {
     source! {b"SOURce", 0},
     source! {b"SOURce1", 0},
     source! {b"SOURce2", 1},
+    trigger! {b"TRIGger", 0},
+    trigger! {b"TRIGger1", 0},
+    trigger! {b"TRIGger2", 1},
     output! {b"OUTPut", 0},
     output! {b"OUTPut1", 0},
     output! {b"OUTPut2", 1},

@@ -49,6 +49,61 @@ pub(super) struct Channel {
     pub(super) load_ohm: Option<f64>,
     pub(super) inverted: bool,
     pub(super) since_s: f64,
+    pub(super) burst: Burst,
+}
+
+/// Bursts of a channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Burst {
+    on: bool,
+    /// Gated by a signal instead of counted.
+    gated: bool,
+    source: &'static str,
+    periods: u32,
+    /// It was triggered since bursts were switched on.
+    fired: bool,
+}
+
+/// What can trigger a burst.
+const SOURCES: [&str; 3] = ["INT", "EXT", "MAN"];
+/// Most periods of a burst.
+const MOST_PERIODS: f64 = 1e6;
+
+impl Burst {
+    const OFF: Self = Self { on: false, gated: false, source: "INT", periods: 1, fired: false };
+
+    /// Takes one key and value; what it does not understand it ignores.
+    fn set(&mut self, key: &str, value: &Argument) {
+        match (key.to_ascii_uppercase().as_str(), value) {
+            ("STATE", Argument::Word(word)) => {
+                let on = word.eq_ignore_ascii_case("ON");
+                *self = Self { on, fired: self.fired && on == self.on, ..*self };
+            }
+            ("GATE_NCYC", Argument::Word(word)) => self.gated = word.eq_ignore_ascii_case("GATE"),
+            ("TRSR", Argument::Word(word)) => {
+                self.source = SOURCES.into_iter().find(|source| word.eq_ignore_ascii_case(source)).unwrap_or(self.source);
+            }
+            ("TIME", value) => {
+                if let Ok(periods) = to_number(value, "") {
+                    self.periods = periods.clamp(1.0, MOST_PERIODS) as u32;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    pub(super) fn describe(&self, channel: &Channel, manner: &Manner) -> String {
+        if !self.on {
+            return "STATE,OFF".to_owned();
+        }
+        let mode = if self.gated { "GATE" } else { "NCYC" };
+        format!(
+            "STATE,ON,PRD,0.01S,STPS,0,TRSR,{},TRMD,OFF,TIME,{},DLAY,2.4e-07S,GATE_NCYC,{mode},CARR,{}",
+            self.source,
+            self.periods,
+            channel.describe(manner)
+        )
+    }
 }
 
 impl Default for Channel {
@@ -66,6 +121,7 @@ impl Default for Channel {
             load_ohm: None,
             inverted: false,
             since_s: 0.0,
+            burst: Burst::OFF,
         }
     }
 }
@@ -210,8 +266,28 @@ impl Channel {
         }
     }
 
+    /// Takes `STATE,x`, `GATE_NCYC,x`, `TRSR,x` and `TIME,n` in any number and order, and `MTRIG`, which starts a burst now.
+    pub(super) fn set_burst(&mut self, arguments: &mut Arguments, now_s: f64) {
+        while let Some(Argument::Word(key)) = arguments.next() {
+            if key.eq_ignore_ascii_case("MTRIG") {
+                // Nobody triggers what waits for a signal, and a burst in work is not begun anew.
+                if self.burst.on && self.burst.source == "MAN" && !self.plays(now_s) {
+                    (self.burst.fired, self.since_s) = (true, now_s);
+                }
+            } else if let Some(value) = arguments.next() {
+                self.burst.set(&key, &value);
+            }
+        }
+    }
+
+    /// A burst is in work.
+    fn plays(&self, now_s: f64) -> bool {
+        self.burst.fired && now_s - self.since_s < f64::from(self.burst.periods) / self.freq_hz
+    }
+
     pub(super) fn restarts_from(&self, old: &Self) -> bool {
-        let key = |channel: &Self| (channel.constant, channel.arbitrary, channel.freq_hz, channel.phase_deg, channel.output_on);
+        let key =
+            |channel: &Self| (channel.constant, channel.arbitrary, channel.freq_hz, channel.phase_deg, channel.output_on, channel.burst.on);
         key(self) != key(old)
     }
 
@@ -230,6 +306,7 @@ impl Channel {
             freq_hz: self.freq_hz,
             phase_rad: self.phase_deg.to_radians() + if self.inverted { std::f64::consts::PI } else { 0.0 },
             since_s: self.since_s,
+            periods: self.burst.on.then_some(if self.burst.fired { self.burst.periods } else { 0 }),
         }
     }
 }

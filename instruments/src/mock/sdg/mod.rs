@@ -159,6 +159,14 @@ impl Sdg {
         common::ignore(self, arguments)
     }
 
+    fn set_burst(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
+        if self.quirks.is("bursts") {
+            let now_s = self.world.now_s;
+            self.change(index, |channel| channel.set_burst(arguments, now_s));
+        }
+        common::ignore(self, arguments)
+    }
+
     fn align_phases(&mut self, _: &mut Arguments) -> Fallible {
         for index in 0..self.channels.len() {
             self.channels[index].since_s = self.world.now_s;
@@ -221,8 +229,14 @@ macro_rules! channel {
                 |sdg: &mut Sdg, arguments| sdg.choose_wave($index, arguments),
                 |sdg, _| sdg.answer(concat!($prefix, ":ARWV "), &sdg.describe_wave($index)),
             )},
-            // Burst, sweep and modulation are off and stay off.
-            Leaf! {b"BTWV" => &both(common::ignore, |sdg: &mut Sdg, _| sdg.answer(concat!($prefix, ":BTWV "), "STATE,OFF"))},
+            Leaf! {b"BTWV" => &both(
+                |sdg: &mut Sdg, arguments| sdg.set_burst($index, arguments),
+                |sdg, _| {
+                    let channel = &sdg.channels[$index];
+                    sdg.answer(concat!($prefix, ":BTWV "), &channel.burst.describe(channel, &sdg.manner()))
+                },
+            )},
+            // Sweep and modulation are off and stay off.
             Leaf! {b"SWWV" => &both(common::ignore, |sdg: &mut Sdg, _| sdg.answer(concat!($prefix, ":SWWV "), "STATE,OFF"))},
             Leaf! {b"MDWV" => &both(common::ignore, |sdg: &mut Sdg, _| sdg.answer(concat!($prefix, ":MDWV "), "STATE,OFF"))}
         }

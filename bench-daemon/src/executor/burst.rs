@@ -1,0 +1,85 @@
+//! A drive that ends by itself: the generator is told so many periods as a step needs, and then stays at its offset, whether or not a message can still reach
+//! it. Where the model has no bursts, or does not do what it was told of them, the signal has no end but the daemon's and the guardian's.
+
+use instruments::link::LinkError;
+
+use super::{ExecuteError, Executor, require};
+
+/// A signal plays for so much longer than its step needs as a rule, s: what arming, reading and fetching take.
+const LEEWAY_S: f64 = 5.0;
+/// Where that was not enough it is so many times longer.
+const LONGER: f64 = 2.0;
+/// How often it is made longer, for one point.
+pub(super) const MOST_LONGER: usize = 6;
+
+/// How long the generator's signal goes on by itself.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Burst {
+    /// The signal ends at this time at the earliest, bench s.
+    pub(super) ends_s: f64,
+    leeway_s: f64,
+    /// The generator is in bursts.
+    on: bool,
+    /// It did not do what it was told.
+    refused: bool,
+}
+
+impl Default for Burst {
+    fn default() -> Self {
+        Self { ends_s: f64::INFINITY, leeway_s: LEEWAY_S, on: false, refused: false }
+    }
+}
+
+impl Executor<'_> {
+    /// Begins what the generator was set to, for whole periods that last `needed_s` and the leeway, where it can.
+    pub(super) async fn begin_signal(&mut self, freq_hz: f64, needed_s: f64) -> Result<(), ExecuteError> {
+        self.begin_periods(freq_hz, ((needed_s + self.burst.leeway_s) * freq_hz).ceil()).await
+    }
+
+    /// Begins so many periods of it.
+    pub(super) async fn begin_periods(&mut self, freq_hz: f64, wanted: f64) -> Result<(), ExecuteError> {
+        let error = self.bench.error("generator");
+        let wiring = &self.experiment.bench.wiring;
+        let generator = require(&mut self.bench.generator, "generator")?;
+        let most = generator.most_periods().filter(|most| wiring.bursts && !self.burst.refused && wanted <= f64::from(*most));
+        let periods = most.map(|_| wanted as u32);
+        let begun_s = self.clock.now_s();
+        self.burst.ends_s = f64::INFINITY;
+        if periods.is_none() && !self.burst.on {
+            return Ok(());
+        }
+        match generator.burst(periods).await {
+            Ok(()) => {}
+            Err(
+                said @ (LinkError::ReadBack { .. }
+                | LinkError::ErrorQueue { .. }
+                | LinkError::Refused { .. }
+                | LinkError::Unexpected { .. }),
+            ) if periods.is_some() => {
+                generator.burst(None).await.map_err(&error)?;
+                self.burst.refused = true;
+                let text = format!("generator: takes no bursts ({said}): its signal ends by the daemon and the guardian alone");
+                self.recorder.warning(&text);
+                return Ok(());
+            }
+            Err(failed) => return Err(error(failed).into()),
+        }
+        self.burst.on = periods.is_some();
+        self.burst.ends_s = periods.map_or(f64::INFINITY, |periods| begun_s + f64::from(periods) / freq_hz);
+        Ok(())
+    }
+
+    /// The generator was told to be quiet: no burst, and nothing that could end.
+    pub(super) fn no_burst(&mut self) {
+        (self.burst.on, self.burst.ends_s) = (false, f64::INFINITY);
+    }
+
+    /// Whether a record that ends at `end_s` would miss a part of the signal; the next one is made longer then.
+    pub(super) fn falls_short(&mut self, end_s: f64) -> bool {
+        let short = end_s > self.burst.ends_s;
+        if short {
+            self.burst.leeway_s *= LONGER;
+        }
+        short
+    }
+}
