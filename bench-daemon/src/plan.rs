@@ -17,7 +17,7 @@ pub use crash::AfterCrash;
 pub use leg::{Flow, Leg, Log};
 pub use multisine::Band;
 pub use specimen::Specimen;
-pub use time::MAX_RANGING;
+pub use time::{LEEWAY_S, MAX_RANGING};
 #[cfg(test)]
 pub(crate) use trace::test_trace;
 pub use trace::{Averaged, Frame, LONGEST_FRAME_S, Level, Through, TracePlan};

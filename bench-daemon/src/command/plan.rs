@@ -1,7 +1,45 @@
 //! `eis-bench plan`: what would be done.
 
-use crate::terminal::{remark, say};
-use crate::{cli::PlanArgs, command::Failure, config::load_experiment, procedure};
+use instruments::{generator, instrument::by_key};
+
+use crate::{
+    cli::PlanArgs,
+    command::Failure,
+    config::{Experiment, load_experiment},
+    plan::{Flow, Leg, Plan, Step},
+    procedure,
+    terminal::{remark, say},
+};
+
+/// What ends by itself where no message arrives any more, in words.
+fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
+    let (bench, limits) = (&experiment.bench, &experiment.cell.limits);
+    let generator = bench.instruments.generator.as_ref().and_then(|generator| by_key(generator::DIALECTS, &generator.model));
+    let most = generator.filter(|_| bench.wiring.bursts).and_then(|dialect| dialect.most_periods());
+    let mut texts = Vec::new();
+    match plan.plays_on_s(most) {
+        Some(longest_s) if longest_s.is_finite() => {
+            texts.push(format!("without a further message the generator falls silent within {longest_s:.0} s: it plays bursts"));
+        }
+        Some(_) => {
+            let why = match generator.map(|dialect| dialect.most_periods()) {
+                Some(Some(_)) if !bench.wiring.bursts => "wiring.bursts is false".to_owned(),
+                Some(Some(most)) => format!("a point has more than the {most} periods of a burst, or a trace goes step by step"),
+                _ => "its model has no bursts".to_owned(),
+            };
+            texts.push(format!("without a further message the drive goes on ({why}): only the daemon and the guardian end it"));
+        }
+        None => {}
+    }
+    let moves = |of: fn(&Step) -> bool| plan.stages.iter().flat_map(|stage| &stage.steps).any(of);
+    if moves(|step| matches!(step, Step::Discharge { .. } | Step::Leg(Leg { flow: Flow::Discharge { .. }, .. }))) {
+        texts.push(format!("without a further message the load stops by itself at {} V or above", limits.min_v));
+    }
+    if moves(|step| matches!(step, Step::Charge { .. } | Step::Leg(Leg { flow: Flow::Charge { .. }, .. }))) {
+        texts.push(format!("without a further message the charger holds {} V or less, and its current falls", limits.max_v));
+    }
+    texts
+}
 
 /// Prints the plan of an experiment.
 ///
@@ -24,6 +62,7 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
     let told = |wait: Option<(&crate::plan::Step, f64)>| {
         wait.map_or_else(|| "none".to_owned(), |(step, s)| format!("{s:.0} s ({})", step.to_string().trim()))
     };
+    endings(&experiment, plan.plan()).iter().for_each(|text| say!("{text}"));
     say!("longest wait after `eis-bench pause`: {}; after `eis-bench abort`: {}", told(pause), told(end));
     Ok(())
 }

@@ -4,9 +4,8 @@
 use instruments::link::LinkError;
 
 use super::{ExecuteError, Executor, require};
+use crate::plan::LEEWAY_S;
 
-/// A signal plays for so much longer than its step needs as a rule, s: what arming, reading and fetching take.
-const LEEWAY_S: f64 = 5.0;
 /// Where that was not enough it is so many times longer.
 const LONGER: f64 = 2.0;
 /// How often it is made longer, for one point.

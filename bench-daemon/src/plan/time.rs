@@ -1,9 +1,11 @@
 //! How long a plan takes: as a rule of thumb, and at most.
 
-use super::{Leg, Plan, Stage, Step};
+use super::{Leg, Plan, Stage, Step, Through};
 
 /// How often a point is measured again because a channel clipped or was too small.
 pub const MAX_RANGING: usize = 4;
+/// A generator's burst lasts so much longer than its step needs as a rule, s: what arming, reading and fetching take.
+pub const LEEWAY_S: f64 = 5.0;
 /// Seconds that setting up and downloading one point takes, as a rule of thumb.
 const OVERHEAD_S: f64 = 2.0;
 /// A wait for a temperature, s: the first of a run takes ten minutes, each after it the minute in which the cell must stay within its band.
@@ -29,6 +31,28 @@ impl Plan {
             steps.map(|step| (step, step.expected_s())).max_by(|one, other| one.1.total_cmp(&other.1))
         };
         [longest(|_| true), longest(|step| !step.ends_early())]
+    }
+
+    /// How long generator and bipolar supply drive on at most where no message reaches them any more, by a model that takes so many periods in a burst, bench s:
+    /// infinite without bursts; none where they drive nothing.
+    pub fn plays_on_s(&self, most_periods: Option<u32>) -> Option<f64> {
+        let steps = self.stages.iter().flat_map(|stage| &stage.steps);
+        let whole_s = |freq_hz: f64, needed_s: f64| {
+            let periods = ((needed_s + LEEWAY_S) * freq_hz).ceil();
+            if most_periods.is_some_and(|most| periods <= f64::from(most)) { periods / freq_hz } else { f64::INFINITY }
+        };
+        let ends_s = steps.filter_map(|step| match step {
+            Step::Sine { freq_hz, wait_s, .. } => Some(whole_s(*freq_hz, *wait_s)),
+            Step::Multisine(band) => Some(whole_s(band.base_hz, band.settle_s + band.span_s)),
+            Step::Trace(trace) => match trace.through {
+                Through::Wave { step_s, steps } => Some(if most_periods.is_some() { step_s * steps as f64 } else { f64::INFINITY }),
+                // A level holds until the next message.
+                Through::Bipolar => Some(f64::INFINITY),
+                Through::LoadAndSupply => None,
+            },
+            _ => None,
+        });
+        ends_s.reduce(f64::max)
     }
 
     /// Longest possible duration, bench s.
