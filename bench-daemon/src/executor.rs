@@ -1,6 +1,7 @@
 //! The one loop: steps of a checked plan → instruments → readings and records. Whoever drives it brings the bench into safe state afterwards,
 //! whatever the outcome.
 
+mod agree;
 mod ahead;
 mod beside;
 mod burst;

@@ -2,8 +2,9 @@
 //! [`Interlock`] also at those before it: rates, charge, age, and values that do not move.
 
 mod history;
+mod noise;
 
-pub use history::{Allowance, Interlock, Mean, Settings};
+pub use history::{Allowance, Interlock, Mean, Quantity, Settings, Stuck};
 
 /// Limits of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]

@@ -51,27 +51,16 @@ impl Executor<'_> {
             return Ok(());
         }
         let cell = difference(high, low);
+        if !smooth(&cell) {
+            return Err(self.no_record("of a cell"));
+        }
+        // The scope may be wrong: the voltmeter says where the cell is between the crests.
+        self.agree_with_scope(waveforms, amplitude_a * MOST_OHM)?;
         let (least_v, greatest_v) = cell.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| (least.min(*v), most.max(*v)));
         let limits = &self.experiment.cell.limits;
         let (least, greatest) = (limits.min_v, limits.max_v);
         let beyond = [(least_v, least_v < least - MARGIN_V), (greatest_v, greatest_v > greatest + MARGIN_V)];
         let Some((value, _)) = beyond.into_iter().find(|(_, beyond)| *beyond) else { return Ok(()) };
-        if !smooth(&cell) {
-            return Err(self.no_record("of a cell"));
-        }
-        // The scope may be wrong: the voltmeter says where the cell is between the crests.
-        if let Some(shown_v) = self.shown_v {
-            let (scope_v, allowed_v) =
-                (mean(&cell), MARGIN_V + self.offset_error_v(high) + self.offset_error_v(low) + amplitude_a * MOST_OHM);
-            if (scope_v - shown_v).abs() > allowed_v {
-                return Err(ExecuteError::Disagree {
-                    what: "cell voltage",
-                    one: format!("scope {scope_v:.3} V in the mean of a record"),
-                    other: format!("voltmeter {shown_v:.3} V"),
-                    allowed: format!("{allowed_v:.3} V"),
-                });
-            }
-        }
         Err(Trip::Limit { what: "cell voltage at the crest of a record", value, unit: "V", least, greatest, time_s }.into())
     }
 
@@ -82,19 +71,19 @@ impl Executor<'_> {
     }
 
     /// How far a channel's zero may be off, V: one per cent of its range, and a millivolt.
-    fn offset_error_v(&self, waveform: &Waveform) -> f64 {
+    pub(super) fn offset_error_v(&self, waveform: &Waveform) -> f64 {
         let half_range_div = self.bench.scope.as_ref().map_or(4.0, |scope| scope.capabilities().half_range_div);
         OFFSET_SHARE * 2.0 * half_range_div * waveform.preamble.volts_per_div + OFFSET_V
     }
 }
 
 /// The difference of two channels, V.
-fn difference(high: &Waveform, low: &Waveform) -> Vec<f64> {
+pub(super) fn difference(high: &Waveform, low: &Waveform) -> Vec<f64> {
     let volts = |waveform: &Waveform, code: i16| f64::from(code) * waveform.preamble.volts_per_code - waveform.preamble.offset_v;
     high.codes.iter().zip(&low.codes).map(|(high_code, low_code)| volts(high, *high_code) - volts(low, *low_code)).collect()
 }
 
-fn mean(samples: &[f64]) -> f64 {
+pub(super) fn mean(samples: &[f64]) -> f64 {
     samples.iter().sum::<f64>() / samples.len().max(1) as f64
 }
 

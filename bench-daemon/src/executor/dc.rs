@@ -157,11 +157,12 @@ impl Executor<'_> {
             self.clock.sleep_s(POLL_S).await;
             // The supply has no sense leads: the load's, with its input off, see the cell itself.
             let volts = self.load_volts().await?.0;
-            let (_, amps) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(&error)?;
+            let (terminal, amps) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(&error)?;
             let temperature_c = self.temperature_now_and_then().await?;
             let now_s = self.clock.now_s();
             let reading = Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(amps.value()), temperature_c };
             self.judge("charge", reading)?;
+            self.agree_with_charger(terminal.value(), (volts, amps.value()))?;
             if volts >= until_v {
                 break;
             }

@@ -28,6 +28,22 @@ pub enum ExecuteError {
         /// How far they may be apart.
         allowed: String,
     },
+    /// A meter shows the same for longer than its noise allows.
+    #[error(
+        "{what}: the last {times} readings of {meter} are all {value}, although its readings before went up and down by noise: it is frozen{other}"
+    )]
+    Frozen {
+        /// The quantity.
+        what: &'static str,
+        /// Who measures it.
+        meter: &'static str,
+        /// How many readings.
+        times: u32,
+        /// What all of them are.
+        value: String,
+        /// What another meter shows, in words that follow.
+        other: String,
+    },
     /// The interlock.
     #[error("interlock: {0}")]
     Trip(#[from] Trip),

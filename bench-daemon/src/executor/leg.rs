@@ -91,8 +91,10 @@ impl Executor<'_> {
         for poll in 1.. {
             self.clock.sleep_s(POLL_S).await;
             let volts = self.load_volts().await?.0;
-            let fed_a = require(&mut self.bench.supply, "supply")?.measure().await.map_err(&error)?.1.value();
+            let (terminal, fed) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(&error)?;
+            let fed_a = fed.value();
             self.keep("charge", &mut last_s, (volts, fed_a)).await?;
+            self.agree_with_charger(terminal.value(), (volts, fed_a))?;
             let full = poll >= RISEN_POLLS && volts > limit_v - NEAR_LIMIT_V && fed_a <= cut_off_a;
             if full || charge_c.is_some_and(|charge_c| self.legs.charge_c - from_c >= charge_c) {
                 break;

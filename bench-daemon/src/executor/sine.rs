@@ -96,9 +96,9 @@ impl Executor<'_> {
                 };
             }
             let mut longer = 0..MOST_LONGER;
-            let waveforms = loop {
-                if let Some(waveforms) = self.capture(eis, (freq_hz, wait_s, driven_s), fixture).await? {
-                    break waveforms;
+            let (waveforms, effective_a) = loop {
+                if let Some(taken) = self.capture(eis, (freq_hz, wait_s, driven_s), fixture).await? {
+                    break taken;
                 }
                 if longer.next().is_none() {
                     return Err(ExecuteError::Signal { freq_hz, reason: "the generator's burst ends before the record does".to_owned() });
@@ -125,7 +125,8 @@ impl Executor<'_> {
                 warnings.extend(ranged);
                 let asked = Asked { fixture, index, freq_hz, mains_hz: eis.mains_hz };
                 let point = analyse(&asked, &Taken::of(&waveforms), warnings)?;
-                self.check_current(&point, amplitude_a)?;
+                let met_a = self.check_current(&point, amplitude_a)?;
+                self.agree_with_supply(effective_a, met_a)?;
                 return Ok(SweepPoint { time_s, captures: attempt_in_all + 1, ..point });
             }
             tracing::info!("{} point {}: measured again: {}", fixture_name(fixture), index + 1, ranged.join("; "));
@@ -179,13 +180,13 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// The four channels of a record; none where the signal has ended, or would end, before it does.
+    /// The four channels of a record, and the effective current by the supply's readings until its end, A; none where the signal has ended, or would end, before it does.
     async fn capture(
         &mut self,
         eis: &Eis,
         (freq_hz, wait_s, driven_s): (f64, f64, f64),
         fixture: Fixture,
-    ) -> Result<Option<[Waveform; 4]>, ExecuteError> {
+    ) -> Result<Option<([Waveform; 4], Option<f64>)>, ExecuteError> {
         self.apply_verticals().await?;
         let screen_s = self.arm_screen(Seconds(eis.periods_on_screen / freq_hz)).await?;
         let ripe_s = if self.overlaps() { self.ripe_s((freq_hz, wait_s), driven_s, screen_s) } else { self.clock.now_s() + wait_s };
@@ -208,11 +209,12 @@ impl Executor<'_> {
         if self.falls_short(self.stopped_s) {
             return Ok(None);
         }
+        let effective_a = self.interlock.effective_a();
         self.go_ahead(fixture).await?;
         let waveforms = self.fetch_frame((eis.record_points, chosen), fixture).await?;
         self.check_frame(freq_hz, &waveforms, screen_s)?;
         let four = waveforms.try_into().map_err(|_| ExecuteError::Signal { freq_hz, reason: "not four channels".to_owned() })?;
-        Ok(Some(four))
+        Ok(Some((four, effective_a)))
     }
 
     /// Arms the scope for a span; gives the length of its screen, s.
@@ -289,13 +291,13 @@ impl Executor<'_> {
         changes
     }
 
-    /// The current must follow the command: a loose lead or a supply in its limits shows here.
-    fn check_current(&self, point: &SweepPoint, amplitude_a: f64) -> Result<(), ExecuteError> {
+    /// The current must follow the command: a loose lead or a supply in its limits shows here. Gives its amplitude, A.
+    fn check_current(&self, point: &SweepPoint, amplitude_a: f64) -> Result<f64, ExecuteError> {
         let [first, second, _, _] = point.phasors.volts;
         let met_a = (second - first).norm() / self.experiment.bench.wiring.shunt.r_ohm;
         let (least_a, greatest_a) = ((1.0 - CURRENT_TOLERANCE) * amplitude_a, drawn(amplitude_a));
         if (least_a..=greatest_a).contains(&met_a) {
-            return Ok(());
+            return Ok(met_a);
         }
         Err(ExecuteError::Disobeyed {
             what: format!("current at {} Hz", point.phasors.freq_hz),

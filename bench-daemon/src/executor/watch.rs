@@ -11,8 +11,8 @@ use crate::{
 
 /// Standard deviations that chance does not pass in a night of readings.
 const CERTAIN: f64 = 5.0;
-/// Instruments that drive a current.
-const DRIVES: usize = 4;
+/// Instruments that drive a current, and the bath.
+const DRIVES: usize = 5;
 /// What a reading takes at most as a rule, s.
 const READ_S: f64 = 0.2;
 /// The gain error of a meter, as part of a step's envelope.
@@ -158,7 +158,8 @@ impl Executor<'_> {
             0 => ask!("generator", generator),
             1 => ask!("supply4q", supply4q),
             2 => ask!("load", load),
-            _ => ask!("supply", supply),
+            3 => ask!("supply", supply),
+            _ => ask!("chiller", chiller),
         }
     }
 
@@ -231,6 +232,7 @@ impl Executor<'_> {
     /// The cell's temperature with every tenth reading, or earlier when it grows old.
     pub(super) async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
         self.regulate().await?;
+        self.agree().await?;
         self.polls = self.polls.wrapping_add(1);
         let due = self.polls.is_multiple_of(TEMPERATURE_EVERY) || self.interlock.wants_temperature(self.clock.machine_s());
         if due { self.cell_temperature().await } else { Ok(None) }
@@ -240,6 +242,7 @@ impl Executor<'_> {
     /// started is asked at the same time whether it still runs.
     pub(super) async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
         self.regulate().await?;
+        self.agree().await?;
         self.watch_chiller().await?;
         let error = self.bench.error("logger");
         let Some(logger) = self.bench.logger.as_mut() else { return Ok(None) };
@@ -249,6 +252,7 @@ impl Executor<'_> {
         }
         let readings = logger.scan().await.map_err(error)?;
         self.last_c = Some(readings.first().copied().flatten().map_or(f64::NAN, |celsius| celsius.value()));
+        self.agree_with_bath().await?;
         Ok(self.last_c)
     }
 

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use instruments::chiller;
 
-use super::{Limits, NET_CHARGE, Reading, Trip, judge};
+use super::{Limits, NET_CHARGE, Reading, Trip, judge, noise::Noise};
 
 /// What the interlock allows beside the limits of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -136,6 +136,37 @@ pub struct Interlock {
     amps: Last,
     temperature: Last,
     silent: bool,
+    noise: Noises,
+}
+
+/// What the noise of each meter is known to be: that of voltage and current in the step in work, for their ranges change from step to step.
+#[derive(Debug, Default)]
+struct Noises {
+    volts: Noise,
+    amps: Noise,
+    celsius: Noise,
+}
+
+/// A meter that shows the same for longer than its noise allows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stuck {
+    /// What it measures.
+    pub quantity: Quantity,
+    /// How often it was read alike.
+    pub times: u32,
+    /// What it shows, in V, A or °C.
+    pub value: f64,
+}
+
+/// What a meter measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// The cell's voltage.
+    Voltage,
+    /// The cell's current.
+    Current,
+    /// The cell's temperature.
+    Temperature,
 }
 
 /// Periods of a slow sinusoid in which a reading must move.
@@ -160,7 +191,16 @@ impl Interlock {
             amps: Last::default(),
             temperature: Last::default(),
             silent: false,
+            noise: Noises::default(),
         }
+    }
+
+    /// A meter that shows the same for longer than its noise allows.
+    pub fn stuck(&self) -> Option<Stuck> {
+        let of = |quantity, noise: &Noise, last: &Last| Some(Stuck { quantity, times: noise.stuck()?, value: last.value? });
+        of(Quantity::Temperature, &self.noise.celsius, &self.temperature)
+            .or_else(|| of(Quantity::Voltage, &self.noise.volts, &self.voltage))
+            .or_else(|| of(Quantity::Current, &self.noise.amps, &self.amps))
     }
 
     /// A step begins at `machine_s`.
@@ -168,6 +208,7 @@ impl Interlock {
         if !allowance.continues {
             (self.charge_c, self.current) = (0.0, None);
             (self.voltage, self.amps, self.temperature) = (Last::default(), Last::default(), Last::default());
+            (self.noise.volts, self.noise.amps) = (Noise::default(), Noise::default());
             // What was not read while nothing flowed is not late.
             self.read_s = Some(machine_s);
             self.temperature_s = self.temperature_s.max(machine_s);
@@ -198,6 +239,7 @@ impl Interlock {
     pub fn forget(&mut self) {
         self.temperatures.clear();
         (self.voltage, self.amps, self.temperature) = (Last::default(), Last::default(), Last::default());
+        self.noise = Noises::default();
     }
 
     /// Limits of each reading of the step in work.
@@ -207,11 +249,13 @@ impl Interlock {
 
     /// The temperature is half as old as it may be.
     pub fn wants_temperature(&self, machine_s: f64) -> bool {
-        self.allowance.live && machine_s - self.temperature_s > 0.5 * self.settings.temperature_age_s
+        let old = machine_s - self.temperature_s > 0.5 * self.settings.temperature_age_s;
+        self.allowance.live && (old || self.noise.celsius.suspect())
     }
 
     /// Judges a reading that came at `machine_s`.
     pub fn judge(&mut self, reading: &Reading, machine_s: f64) -> Option<Trip> {
+        self.listen(reading);
         let late = self.late(reading, machine_s);
         self.count_charge(reading);
         judge(&self.allowance.limits, reading)
@@ -220,6 +264,23 @@ impl Interlock {
             .or_else(|| self.mean(reading))
             .or_else(|| self.charge(reading.time_s))
             .or_else(|| self.frozen(reading))
+    }
+
+    /// Under a sinusoid readings turn back without any noise.
+    fn listen(&mut self, reading: &Reading) {
+        if let Some(celsius) = reading.temperature_c {
+            self.noise.celsius.take(celsius);
+        }
+        if self.allowance.mean.is_some() || self.allowance.swing_s.is_some() {
+            return;
+        }
+        // A supply that holds the voltage may hold it better than the meter shows.
+        if let Some(volts) = reading.voltage_v.filter(|volts| *volts < self.allowance.held_v) {
+            self.noise.volts.take(volts);
+        }
+        if let Some(amps) = reading.current_a.filter(|_| self.allowance.live) {
+            self.noise.amps.take(amps);
+        }
     }
 
     /// Judges what the chiller says that was started.
@@ -287,7 +348,13 @@ impl Interlock {
         while self.period.get(1).is_some_and(|(time_s, _)| *time_s <= from_s) {
             self.period.pop_front();
         }
+        mean.judge(self.over_period(&mean, |amps| amps)?, reading.time_s)
+    }
+
+    /// The mean of something of the current over the last period, as soon as a whole one was read.
+    fn over_period(&self, mean: &Mean, of: fn(f64) -> f64) -> Option<f64> {
         let pairs = || self.period.iter().zip(self.period.iter().skip(1));
+        let from_s = self.period.back()?.0 - mean.period_s;
         // What came too seldom says nothing of a mean.
         let apart_s = pairs().map(|(one, other)| other.0 - one.0).fold(0.0, f64::max);
         if self.period.front().is_none_or(|(time_s, _)| *time_s > from_s) || apart_s > mean.period_s / FEWEST {
@@ -297,9 +364,20 @@ impl Interlock {
             // The first pair begins before the period does.
             let start_s = t0.max(from_s);
             let start_a = a0 + (a1 - a0) * (start_s - t0) / (t1 - t0);
-            0.5 * (start_a + a1) * (t1 - start_s)
+            0.5 * (of(start_a) + of(*a1)) * (t1 - start_s)
         };
-        mean.judge(pairs().map(part).sum::<f64>() / mean.period_s, reading.time_s)
+        Some(pairs().map(part).sum::<f64>() / mean.period_s)
+    }
+
+    /// The effective current over the last period, A, where readings follow it.
+    pub fn effective_a(&self) -> Option<f64> {
+        let mean = self.allowed_mean().filter(Mean::followed)?;
+        self.over_period(&mean, |amps| amps * amps).map(f64::sqrt)
+    }
+
+    /// The temperature is to change.
+    pub fn tempering(&self) -> bool {
+        self.allowance.tempering
     }
 
     /// What the mean of the current may be in the step in work.

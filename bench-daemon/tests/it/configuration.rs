@@ -124,7 +124,7 @@ fn mistakes_are_named_with_file_line_and_field() {
         ("cells/p45b.toml", "\"5 K/min\"", "\"0 K/min\"", "interlock.temperature_rate_max: expected 0.1 K/min to 600 K/min, found 0 K/min"),
         (
             "cells/p45b.toml",
-            "frozen_charge = \"2 %\"",
+            "frozen_charge = \"1 %\"",
             "frozen_charge = \"2 s\"",
             "interlock.frozen_charge: expected a share with its unit",
         ),
@@ -299,7 +299,7 @@ fn limits_beyond_the_cells_own_are_refused_and_useless_ones_are_loudly_said() {
         ("\"5 K/min\"", "\"600 K/min\"", "interlock.temperature_rate_max = 600 K/min is above 20 K/min, "),
         ("charge_max = \"110 %\"", "charge_max = \"500 %\"", "interlock.charge_max = 500 % is above 125 %, more than any cell holds"),
         ("charge_drift_max = \"0.5 %\"", "charge_drift_max = \"100 %\"", "interlock.charge_drift_max = 100 % is above 10 %, "),
-        ("frozen_charge = \"2 %\"", "frozen_charge = \"100 %\"", "interlock.frozen_charge = 100 % is above 10 %, "),
+        ("frozen_charge = \"1 %\"", "frozen_charge = \"100 %\"", "interlock.frozen_charge = 100 % is above 10 %, "),
         ("frozen_time = \"30 s\"", "frozen_time = \"3600 s\"", "interlock.frozen_time = 3600 s is above 300 s, "),
         ("reading_age_max = \"15 s\"", "reading_age_max = \"600 s\"", "interlock.reading_age_max = 600 s is above 60 s, "),
     ] {

@@ -12,6 +12,9 @@ pub(crate) struct Lived {
     pub(crate) witness: Witness,
     /// Current through the cell when all is over, A.
     pub(crate) left_a: f64,
+    /// Bench times of the fault and of the last reading, s.
+    pub(crate) happened_s: f64,
+    pub(crate) over_s: f64,
 }
 
 /// Runs the experiment with one fault on one instrument from a bench time on.
@@ -24,8 +27,11 @@ pub(crate) fn live(files: &Files, (fault, role, from): (&str, &str, &str)) -> Li
     let outcome = session.run(&experiment, &files.path("run"));
     let (ended, code) = outcome.err().map_or_else(|| ("finished".to_owned(), 0), |failure| (failure.to_string(), failure.exit_code()));
     let world = session.simulation().unwrap().world().lock().unwrap();
-    assert!(!session.simulation().unwrap().happened().is_empty(), "the fault did not happen: {ended}");
-    Lived { ended, code, witness: world.witness(), left_a: world.truth_current_a() }
+    let happened = session.simulation().unwrap().happened();
+    let happened_s = happened.first().unwrap_or_else(|| panic!("the fault did not happen: {ended}")).time_s;
+    let readings = std::fs::read_to_string(files.path("run/readings.csv")).unwrap_or_default();
+    let over_s = readings.lines().last().and_then(|line| line.split(',').next()?.parse().ok()).unwrap_or(0.0);
+    Lived { ended, code, witness: world.witness(), left_a: world.truth_current_a(), happened_s, over_s }
 }
 
 #[test]
@@ -62,4 +68,16 @@ fn an_answer_that_comes_too_late_does_not_end_the_night() {
     }
     // What the link mends by itself is none of the run's business; the others are told.
     assert!(told >= 2, "{told}");
+}
+
+#[test]
+fn a_thermometer_that_freezes_in_a_sweep_is_named_within_two_minutes() {
+    let files = Files::short(30).edit("experiments/demo.toml", "start = \"100 Hz\"", "start = \"0.2 Hz\"");
+    let lived = live(&files, ("frozen_meter", "logger", "300 s"));
+    let words =
+        ["cell temperature: the last ", " readings of the logger are all ", "although its readings before went up and down by noise"];
+    assert!(words.iter().all(|word| lived.ended.contains(word)), "{}", lived.ended);
+    assert_eq!((lived.code, lived.left_a), (3, 0.0), "{}", lived.ended);
+    let took_s = lived.over_s - lived.happened_s;
+    assert!(took_s < 120.0, "{took_s} s");
 }

@@ -88,7 +88,7 @@ fn only_the_charge_balance_saves_a_cell_whose_voltmeter_has_stopped() {
     let case = Case {
         files: || sweep(20),
         faults: "[faults]\nvoltmeter_freezes_s = 55.0\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
-        common: &[("frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\""), BLIND],
+        common: &[("frozen_charge = \"1 %\"", "frozen_charge = \"1000 %\""), BLIND],
         with: &[NEARLY_FULL],
         without: &[NEARLY_FULL, (CELL, "charge_drift_max = \"0.5 %\"", "charge_drift_max = \"1000 %\"")],
         trip: "net charge of the step 8",
@@ -104,8 +104,12 @@ fn only_the_look_at_frozen_values_saves_a_cell_that_is_discharged_by_a_blind_loa
         faults: "[faults]\nvoltmeter_freezes_s = 60.0",
         common: &[],
         with: &[],
-        without: &[(CELL, "frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\"")],
-        trip: "charge while the cell voltage stood still 32",
+        // Nor does any noise show.
+        without: &[
+            (CELL, "frozen_charge = \"1 %\"", "frozen_charge = \"1000 %\""),
+            (SCENARIO, "[faults]", "[meters]\nnoise_v = 0.0\n[faults]"),
+        ],
+        trip: "charge while the cell voltage stood still 16",
         harm: AbuseKind::UnderVoltage,
     };
     case.prove();
@@ -182,7 +186,7 @@ fn only_the_chillers_own_word_saves_a_cell_that_is_no_longer_cooled() {
     let case = Case {
         files: tempered,
         faults: "[faults]\nthermometer_ceiling_c = 29.0\nchiller_stops = { from_s = 700.0, block_k_per_w = 50.0 }",
-        common: &[("frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\"")],
+        common: &[("frozen_charge = \"1 %\"", "frozen_charge = \"1000 %\"")],
         with: &[(SCENARIO, "[cell]", "[cell]\ngreatest_c = 30.0")],
         without: &[(SCENARIO, "[cell]", "[cell]\ngreatest_c = 30.0"), (SCENARIO, "50.0 }", "50.0, silent = true }")],
         trip: "chiller: expected it to run without an alarm, found `-01 LOW LEVEL ALARM`",
@@ -226,7 +230,7 @@ fn only_the_look_at_frozen_values_saves_a_cell_in_a_sweep_whose_voltmeter_has_st
         faults: "[faults]\nvoltmeter_freezes_s = 55.0\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
         common: &[
             ("charge_drift_max = \"0.5 %\"", "charge_drift_max = \"1000 %\""),
-            ("frozen_charge = \"2 %\"", "frozen_charge = \"1000 %\""),
+            ("frozen_charge = \"1 %\"", "frozen_charge = \"1000 %\""),
         ],
         with: &[NEARLY_FULL],
         without: &[NEARLY_FULL, (CELL, BLIND.0, BLIND.1)],

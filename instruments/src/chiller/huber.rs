@@ -56,7 +56,9 @@ fn register(answer: &str) -> Option<(u8, u16)> {
 /// A command that writes a register; the answer must carry the very value, for a limited one is not what was asked for.
 fn write(address: u8, value: u16) -> Exchange {
     let tail = format!("{address:02X}{value:04X}");
-    Exchange::Ask { message: format!("{{M{tail}"), expect: Expect::Contains(format!("{{S{tail}")), read_back: None }
+    let shows = || Expect::Contains(format!("{{S{tail}"));
+    let read_back = Some((format!("{{M{address:02X}****"), shows()));
+    Exchange::Ask { message: format!("{{M{tail}"), expect: shows(), read_back }
 }
 
 /// Hundredths of a degree in two's complement.

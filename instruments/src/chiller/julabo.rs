@@ -2,7 +2,7 @@
 
 use super::{Dialect, HARMLESS_C, Status};
 use crate::{
-    exchange::{Exchange, Identity, Way},
+    exchange::{Exchange, Expect, Identity, Way},
     instrument::{Model, ms},
     link::{Grammar, LinkProfile},
     scpi::decode::Terminator,
@@ -65,6 +65,12 @@ impl Dialect for Julabo {
 
     fn queries(&self) -> [&'static str; 2] {
         ["IN_PV_00", "STATUS"]
+    }
+
+    /// A warning, or a complaint of the last command, says nothing of whether it runs.
+    fn asks_whether_it_runs(&self, answer: &str) -> Option<(&'static str, Expect)> {
+        let code = answer.split_whitespace().next()?.parse::<i32>().ok()?;
+        (code < 0).then_some(("IN_MODE_05", Expect::Word(&["1"])))
     }
 
     fn status(&self, answer: &str) -> Status {

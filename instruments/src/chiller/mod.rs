@@ -5,7 +5,7 @@ mod julabo;
 mod relay_board;
 
 use crate::{
-    exchange::{Exchange, Way, leading_number, play},
+    exchange::{Exchange, Expect, Told, Way, leading_number, play},
     instrument::{Instrument, Model},
     link::LinkError,
     units::Celsius,
@@ -44,6 +44,10 @@ pub trait Dialect: Model {
     }
     /// Reads a status answer.
     fn status(&self, answer: &str) -> Status;
+    /// The question whether it runs, and the answer that means yes, where its status leaves that open.
+    fn asks_whether_it_runs(&self, _answer: &str) -> Option<(&'static str, Expect)> {
+        None
+    }
 }
 
 /// A bath that does not stop is brought to where no cell comes to harm, °C: the room's.
@@ -67,7 +71,15 @@ impl Instrument<dyn Dialect> {
     /// The link's.
     pub async fn status(&mut self) -> Result<Status, LinkError> {
         let answer = self.link.query(self.dialect.queries()[1]).await?;
-        Ok(self.dialect.status(&answer))
+        let status = self.dialect.status(&answer);
+        match self.dialect.asks_whether_it_runs(&answer).filter(|_| status.alarm.is_none()) {
+            Some((query, yes)) => {
+                let running = yes.judge(&self.link.query(query).await?).is_ok();
+                // What it does in remote mode it was told to.
+                Ok(Status { running, remote: true, ..status })
+            }
+            None => Ok(status),
+        }
     }
 
     /// Sets the temperature and starts, where it has a set-point; read back, for some ignore commands silently while in manual mode.
@@ -80,7 +92,9 @@ impl Instrument<dyn Dialect> {
         if let Some(alarm) = &status.alarm {
             return Err(LinkError::unexpected(self.link.name(), self.dialect.queries()[1], alarm, "no alarm"));
         }
-        play(&mut self.link, &self.dialect.run(Some(setpoint))).await
+        let script = self.dialect.run(Some(setpoint));
+        // Where the daemon closes the loop, it changes what the relays are told all the time.
+        if self.is_regulated() { play(&mut self.link, &script).await } else { self.tell(&script).await }
     }
 
     /// The loop is the daemon's to close, by [`Self::pulse`].
@@ -109,6 +123,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The link's; a read-back that differs; manual mode, unless it stands still already.
     pub async fn stop(&mut self) -> Result<(), LinkError> {
+        self.told = Told::default();
         let stopped = play(&mut self.link, &self.dialect.run(None)).await;
         if let Err(LinkError::ReadBack { .. }) = &stopped {
             let status = self.status().await?;

@@ -66,6 +66,7 @@ fn may_pass(failure: &Failure) -> bool {
                     | ExecuteError::Disobeyed { .. }
                     | ExecuteError::Meddled { .. }
                     | ExecuteError::Disagree { .. }
+                    | ExecuteError::Frozen { .. }
                     | ExecuteError::Signal { .. }
                     | ExecuteError::Frame { .. }
             )
