@@ -152,4 +152,6 @@ pub(super) struct Faults {
     pub(super) kinds: Option<Vec<Fault>>,
     pub(super) role: Option<String>,
     pub(super) from: Option<Quantity<Duration>>,
+    /// Which of the things that another client does to a model, from 0.
+    pub(super) variant: Option<usize>,
 }

@@ -25,6 +25,7 @@ pub(super) fn faults(source: &Source, raw: &raw_bench::Faults) -> Result<Schedul
         most: raw.most,
         faults,
         role: raw.role.clone(),
+        variant: raw.variant,
         from_s,
         ..Schedule::default()
     })

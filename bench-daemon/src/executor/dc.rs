@@ -130,6 +130,7 @@ impl Executor<'_> {
             let temperature_c = self.temperature_now_and_then().await?;
             let now_s = self.clock.now_s();
             self.judge("discharge", Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(-amps), temperature_c })?;
+            self.look_back().await?;
             if volts <= until_v {
                 break;
             }
@@ -162,6 +163,7 @@ impl Executor<'_> {
             let now_s = self.clock.now_s();
             let reading = Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(amps.value()), temperature_c };
             self.judge("charge", reading)?;
+            self.look_back().await?;
             self.agree_with_charger(terminal.value(), (volts, amps.value()))?;
             if volts >= until_v {
                 break;

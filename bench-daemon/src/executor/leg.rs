@@ -131,6 +131,7 @@ impl Executor<'_> {
         let time_s = self.clock.now_s();
         let temperature_c = self.temperature_now_and_then().await?;
         self.judge(phase, Reading { time_s, voltage_v: Some(volts), current_a: Some(amps), temperature_c })?;
+        self.look_back().await?;
         self.legs.charge_c += amps * (time_s - *last_s);
         *last_s = time_s;
         self.push(time_s, (volts, amps));

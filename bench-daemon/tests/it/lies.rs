@@ -3,7 +3,7 @@
 use bench_daemon::command::run::Session;
 use fixtures::Witness;
 
-use crate::support::{BENCH, Files};
+use crate::support::{BENCH, CELL, EXPERIMENT, Files, SCENARIO};
 
 /// How a run ended, and what the cell says of it.
 pub(crate) struct Lived {
@@ -80,4 +80,25 @@ fn a_thermometer_that_freezes_in_a_sweep_is_named_within_two_minutes() {
     assert_eq!((lived.code, lived.left_a), (3, 0.0), "{}", lived.ended);
     let took_s = lived.over_s - lived.happened_s;
     assert!(took_s < 120.0, "{took_s} s");
+}
+
+#[test]
+fn a_bath_that_somebody_else_sets_to_70_degrees_is_named_at_the_next_readings() {
+    let files = Files::demo().without(EXPERIMENT, "fixture_check");
+    let lived = live(&files, ("second_client", "chiller", "900 s\"\nvariant = 0 #"));
+    let words = "chiller: its set-point is 70.00, this run set 25 °C: another client, a hand at its panel, or a protection?";
+    assert!(lived.ended.contains(words), "{}", lived.ended);
+    assert!(lived.code == 3 && lived.over_s - lived.happened_s < 15.0, "{} s", lived.over_s - lived.happened_s);
+}
+
+#[test]
+fn two_voltmeters_of_a_cell_that_differ_are_both_named() {
+    // The load has frozen, and shows no noise; the charger sees its own terminals rise.
+    let files = Files::brief(2)
+        .without(EXPERIMENT, "fixture_check")
+        .edit(CELL, "frozen_charge = \"1 %\"", "frozen_charge = \"1000 %\"")
+        .append(SCENARIO, "[meters]\nnoise_v = 0.0");
+    let lived = live(&files, ("frozen_meter", "load", "700 s"));
+    assert!(lived.ended.contains("cell voltage: charger's terminals ") && lived.ended.contains(" V, voltmeter 3."), "{}", lived.ended);
+    assert_eq!((lived.code, lived.left_a, lived.witness.abuse.len()), (3, 0.0, 0), "{}", lived.ended);
 }

@@ -53,13 +53,14 @@ pub enum Expect {
 /// Fields of a generator's answer, in words, and their units.
 const KEYS: [(&str, &str, &str); 3] = [("FRQ", "frequency", "Hz"), ("AMP", "amplitude", "Vpp"), ("OFST", "offset", "V")];
 /// The ends of questions that are answered by a number, the same.
-const QUESTIONS: [(&str, &str, &str); 6] = [
+const QUESTIONS: [(&str, &str, &str); 7] = [
     (":FREQ?", "frequency", "Hz"),
     (":VOLT:OFFS?", "offset", "V"),
     (":VOLT?", "amplitude or voltage", "V"),
     (":CURR:LEV:IMM?", "current", "A"),
     (":POW:LEV:IMM?", "power", "W"),
     (":CURR?", "current", "A"),
+    ("IN_SP_00", "set-point", "°C"),
 ];
 
 impl Expect {
