@@ -52,7 +52,7 @@ use crate::{
     operator::Operator,
     plan::{Purpose, Specimen, Stage, Step},
     progress::Progress,
-    record::Recorder,
+    record::{Event, Recorder},
     thermostat::Thermostat,
 };
 
@@ -219,7 +219,7 @@ impl<'a> Executor<'a> {
     ) -> Result<Vec<SweepPoint>, ExecuteError> {
         tracing::info!("stage: {}", stage.purpose);
         self.recorder.journal(Entry::Stage { stage: number })?;
-        self.recorder.event(&stage.purpose.to_string())?;
+        self.recorder.event(Event::Stage, &stage.purpose.to_string())?;
         let mut points: Vec<SweepPoint> = Vec::new();
         let mut fixture = Fixture::Cell;
         self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose { repeat } else { 0 };
@@ -242,7 +242,7 @@ impl<'a> Executor<'a> {
             let allowance = self.allowance(fixture, step);
             if !self.was_announced(index) {
                 self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string(), live: allowance.live })?;
-                self.recorder.event(&step.to_string())?;
+                self.recorder.event(Event::Step, &step.to_string())?;
             }
             self.look_ahead((number, stage), index, |at, step| entrance.plays(stage, (at, step)));
             self.progress.begin(&stage.title(), step);

@@ -94,6 +94,46 @@ pub struct Recorder {
     point_warnings: Vec<(String, Vec<(String, f64)>)>,
 }
 
+/// The columns of `events.csv`.
+const EVENT_COLUMNS: &str = "time_s,kind,event";
+
+/// What kind of event a row of `events.csv` tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// A stage begins.
+    Stage,
+    /// A step begins.
+    Step,
+    /// What an instrument is found in, or what it does beside the plan.
+    Bench,
+    /// A check, and what it says.
+    Check,
+    /// Something is measured or done again.
+    Again,
+    /// A person's request is heeded.
+    Request,
+    /// The run goes on.
+    Resumed,
+    /// Something odd, which stands in the report too.
+    Note,
+}
+
+impl Event {
+    /// Its word in the file.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Stage => "stage",
+            Self::Step => "step",
+            Self::Bench => "bench",
+            Self::Check => "check",
+            Self::Again => "again",
+            Self::Request => "request",
+            Self::Resumed => "resumed",
+            Self::Note => "note",
+        }
+    }
+}
+
 impl Recorder {
     /// Makes a run folder.
     ///
@@ -110,7 +150,7 @@ impl Recorder {
         let journal = Journal::create(folder, &clock)?;
         let mut events = create(&folder.join("events.csv"))?;
         let mut readings = create(&folder.join("readings.csv"))?;
-        line(&mut events, &folder.join("events.csv"), "time_s,event")?;
+        line(&mut events, &folder.join("events.csv"), EVENT_COLUMNS)?;
         line(&mut readings, &folder.join("readings.csv"), "time_s,phase,voltage_v,current_a,temperature_c")?;
         Ok(Self {
             folder: folder.to_owned(),
@@ -188,8 +228,8 @@ impl Recorder {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn event(&mut self, text: &str) -> Result<(), RecordError> {
-        let row = format!("{:.3},\"{}\"", self.clock.now_s(), text.replace('"', "'"));
+    pub fn event(&mut self, kind: Event, text: &str) -> Result<(), RecordError> {
+        let row = format!("{:.3},{},\"{}\"", self.clock.now_s(), kind.word(), text.replace('"', "'"));
         self.room("events.csv")?;
         line(&mut self.events, &self.folder.join("events.csv"), &row)
     }

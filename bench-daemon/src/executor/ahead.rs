@@ -10,6 +10,7 @@ use crate::{
     interlock::Reading,
     journal::Entry,
     plan::{Stage, Step},
+    record::Event,
 };
 
 /// A command that was obeyed within this time counts from when it was handed over, s.
@@ -67,7 +68,7 @@ impl Executor<'_> {
         if let Some(next) = self.next.filter(|next| self.announced != Some(next.step)) {
             let text = next.sine().to_string();
             self.recorder.journal(Entry::Intent { stage: next.stage, step: next.step, text: text.clone(), live: true })?;
-            self.recorder.event(&text)?;
+            self.recorder.event(Event::Step, &text)?;
             self.announced = Some(next.step);
         }
         Ok(())

@@ -13,6 +13,7 @@ use crate::{
     config::LOAD_CUT_OFF_V,
     interlock::Reading,
     plan::{Missed, Step},
+    record::Event,
     thermostat::Thermostat,
 };
 
@@ -67,7 +68,7 @@ impl Executor<'_> {
                 let shift_mv = 1.0e3 * self.reset.shift_v;
                 let text =
                     format!("{SOC_MISSED}: expected {expected}, found {met}; again, the end of the charge moved by {shift_mv:+.1} mV");
-                Ok(self.recorder.event(&self.of_run(&text))?)
+                Ok(self.recorder.event(Event::Again, &self.of_run(&text))?)
             }
             Some(Missed::Flag) => {
                 let text = format!("{SOC_MISSED}: expected {expected}, found {met}: the state of charge is not the one that was asked for");

@@ -11,6 +11,7 @@ use super::{ExecuteError, Executor, SweepPoint};
 use crate::{
     plan::{Stage, Step},
     quality::{Failing, Quality, severity},
+    record::Event,
 };
 
 /// A residual below so many standard deviations of the noise is noise.
@@ -72,7 +73,7 @@ impl Executor<'_> {
         let reasons: Vec<String> = before.failing.iter().map(ToString::to_string).collect();
         let text = format!("{step}: measured again: {}", reasons.join("; "));
         tracing::info!("{text}");
-        self.recorder.event(&text)?;
+        self.recorder.event(Event::Again, &text)?;
         let start_s = self.clock.now_s();
         self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
         let mut point = self.sine(fixture, step, before.captures).await?;

@@ -7,6 +7,7 @@ use super::{ExecuteError, Executor, Spent, SweepPoint};
 use crate::{
     plan::{Band, Stage, Step},
     quality::{Failing, Quality, severity},
+    record::Event,
 };
 
 impl Executor<'_> {
@@ -76,7 +77,7 @@ impl Executor<'_> {
             .collect();
         let text = format!("multisine {}: recorded again: {}", band.number, reasons.join("; "));
         tracing::info!("{text}");
-        self.recorder.event(&text)?;
+        self.recorder.event(Event::Again, &text)?;
         let start_s = self.clock.now_s();
         let taken = points[range.clone()].iter().map(|point| point.captures).max().unwrap_or(0);
         let step = Step::Multisine(std::sync::Arc::new(band.clone()));

@@ -6,6 +6,7 @@ use super::{ExecuteError, Executor};
 use crate::{
     journal::Entry,
     plan::{Purpose, Stage, Step},
+    record::Event,
     wishes::{Course, Wishes},
 };
 
@@ -51,7 +52,7 @@ impl Executor<'_> {
         self.bench.made_safe().await.map_err(crate::bench::BenchError::from)?;
         self.recorder.journal(Entry::Safe)?;
         self.recorder.journal(Entry::Paused)?;
-        self.recorder.event("paused on request: every output is off")?;
+        self.recorder.event(Event::Request, "paused on request: every output is off")?;
         self.progress.say("paused on request: every output is off; `eis-bench go-on` with the run folder lets it go on");
         let nothing = self.allowance(fixture, &Step::Pause { span_s: 0.0 });
         self.interlock.begin(nothing, self.clock.machine_s());
@@ -61,7 +62,7 @@ impl Executor<'_> {
         }
         self.recorder.journal(Entry::GoneOn)?;
         self.progress.say("goes on on request");
-        Ok(self.recorder.event("goes on on request")?)
+        Ok(self.recorder.event(Event::Request, "goes on on request")?)
     }
 
     /// Whether to wait; `waits` is what holds where nothing can be read.

@@ -10,6 +10,7 @@ use super::{ExecuteError, Executor, OUTPUT_ON, require};
 use crate::{
     interlock::NO_CURRENT_A,
     plan::{Step, fixture_name},
+    record::Event,
 };
 
 /// With its command at zero the bipolar supply may drive this much, A: more is a zero error that wants trimming.
@@ -36,7 +37,7 @@ impl Executor<'_> {
             "bipolar supply: takes no compliance and no current limit; its own set-point limits are {} V to {} V, {} A to {} A",
             own.volts.0, own.volts.1, own.amps.0, own.amps.1
         );
-        self.recorder.event(&text)?;
+        self.recorder.event(Event::Bench, &text)?;
         let wider = own.volts.1.max(-own.volts.0) > limits.compliance.value() || own.amps.1.max(-own.amps.0) > limits.current.value();
         if wider && !self.told {
             self.told = true;
@@ -76,7 +77,7 @@ impl Executor<'_> {
         // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
         let generator_error = self.bench.error("generator");
         require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;
-        self.recorder.event(OUTPUT_ON)?;
+        self.recorder.event(Event::Bench, OUTPUT_ON)?;
         require(&mut self.bench.supply4q, "supply4q")?.energise().await.map_err(&error)?;
         let idle_a = self.watch("idle", fixture).await?.current_a.unwrap_or(0.0);
         let allowed_a =

@@ -1,6 +1,6 @@
 //! What was odd in a run, for its report.
 
-use super::{Recorder, names};
+use super::{Event, Recorder, names};
 use crate::journal::Entry;
 
 impl Recorder {
@@ -11,7 +11,7 @@ impl Recorder {
         }
         // A folder that cannot be written ends the run at the next record; the warning itself is not worth it.
         let noted = self.journal(Entry::Note { text: text.to_owned() });
-        if let Err(error) = noted.and_then(|()| self.event(&format!("note: {text}"))) {
+        if let Err(error) = noted.and_then(|()| self.event(Event::Note, text)) {
             tracing::error!("{error}");
         }
         self.warnings.push(text.to_owned());
@@ -19,7 +19,7 @@ impl Recorder {
 
     /// Remembers something odd about a point of a sweep; what was odd about several is said once.
     pub fn point_warning(&mut self, sweep: &str, freq_hz: f64, text: &str) {
-        if let Err(error) = self.event(&format!("note: {sweep}, {freq_hz:.4} Hz: {text}")) {
+        if let Err(error) = self.event(Event::Note, &format!("{sweep}, {freq_hz:.4} Hz: {text}")) {
             tracing::error!("{error}");
         }
         self.known_point_warning(sweep, freq_hz, text);

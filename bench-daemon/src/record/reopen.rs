@@ -12,7 +12,7 @@ use analysis::{
 };
 use instruments::clock::Clock;
 
-use super::{INDEX, RecordError, Recorder, io};
+use super::{EVENT_COLUMNS, INDEX, RecordError, Recorder, io};
 use crate::{
     drill::Drill,
     hash,
@@ -29,6 +29,15 @@ impl Recorder {
         let journal = Journal::reopen(folder, &clock, read)?;
         for name in ["events.csv", "readings.csv", "log.txt"] {
             cut_torn_line(&folder.join(name))?;
+        }
+        let events = folder.join("events.csv");
+        let columns = fs::read_to_string(&events).unwrap_or_default();
+        let columns = columns.lines().next().unwrap_or_default();
+        // Killed before the first line was whole.
+        if columns.is_empty() {
+            fs::write(&events, format!("{EVENT_COLUMNS}\n")).map_err(io(&events, "cannot be written"))?;
+        } else if columns != EVENT_COLUMNS {
+            return Err(differs(&events, &format!("the columns {EVENT_COLUMNS}"), &columns));
         }
         let transcripts = folder.join("transcripts");
         for entry in fs::read_dir(&transcripts).map_err(io(&transcripts, "cannot be read"))? {

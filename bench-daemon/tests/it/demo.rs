@@ -193,7 +193,7 @@ fn assert_tables(run: &Path) {
         assert_eq!(first, header);
         rows.lines().map(|row| row.split(',').next().unwrap().parse().unwrap()).collect()
     };
-    let events = times("events.csv", "time_s,event");
+    let events = times("events.csv", "time_s,kind,event");
     let readings = times("readings.csv", "time_s,phase,voltage_v,current_a,temperature_c");
     assert!(events.is_sorted() && readings.is_sorted());
     assert!(events.len() > 3 * POINTS && readings.len() > 1000, "{} events, {} readings", events.len(), readings.len());

@@ -19,7 +19,7 @@ use crate::{
     executor::SweepPoint,
     fixture_check,
     plan::fixture_name,
-    record::{RecordError, Recorder},
+    record::{Event, RecordError, Recorder},
 };
 
 /// What finished stages have given so far.
@@ -63,7 +63,7 @@ impl<'a> Gathered<'a> {
         if fixture == Fixture::Cell {
             self.settled.insert(repeat, settled);
         }
-        let tell = |recorder: &mut Recorder, text: &str| if restored { Ok(()) } else { recorder.event(text) };
+        let tell = |recorder: &mut Recorder, text: &str| if restored { Ok(()) } else { recorder.event(Event::Check, text) };
         if repeat == 0 {
             judge(recorder, self.experiment, (fixture, &points), (&mut self.measured, &tell))?;
         }

@@ -14,7 +14,7 @@ use crate::{
     journal::{self, ConfigCopy, Entry, Read, Started},
     plan::{Plan, Purpose, Stage, Step},
     procedure, reconcile,
-    record::Recorder,
+    record::{Event, Recorder},
     story::{Next, Story},
 };
 
@@ -139,7 +139,7 @@ impl Past {
         if let Some(after) = &self.after {
             recorder.warning(after);
         }
-        recorder.event(&text)?;
+        recorder.event(Event::Resumed, &text)?;
         Ok(recorder.journal(Entry::Resumed { text })?)
     }
 }
@@ -149,7 +149,7 @@ impl Run<'_> {
     pub(super) async fn reconcile(&mut self, bench: &mut Bench) -> Result<(), Failure> {
         let found = reconcile::look(bench).await?;
         for found in &found {
-            self.recorder.event(&found.to_string())?;
+            self.recorder.event(Event::Bench, &found.to_string())?;
             self.recorder.journal(Entry::Found(found.clone()))?;
         }
         // The load's leads see the cell itself; a current that flows moves it, too.
