@@ -29,6 +29,7 @@ use crate::{
     bench::{Bench, Connections, Identified, SafeReport},
     config,
     interlock::Trip,
+    logging,
     state::{Latched, State, StateError, pid},
     terminal::say,
 };
@@ -119,11 +120,12 @@ impl<'a> Watch<'a> {
         let state = State::of(charge.bench)?.ok_or(GuardianError::NothingToGuard)?;
         let place = state.lock_guardian()?.ok_or(GuardianError::Another)?;
         let log = state.path("guardian.log");
-        crate::logging::log_to(&log, clock).map_err(|source| StateError::Io { path: log, what: "cannot be written", source })?;
+        logging::log_to_limited(&log, clock).map_err(|source| StateError::Io { path: log, what: "cannot be written", source })?;
         let mut taps = BTreeMap::new();
         for role in DRIVES {
             let path = state.path(&format!("guardian_{role}.txt"));
-            let file = File::create(&path).map_err(|source| StateError::Io { path, what: "cannot be written", source })?;
+            let begun = File::create(&path).and_then(|_| logging::Limited::open(&path));
+            let file = begun.map_err(|source| StateError::Io { path, what: "cannot be written", source })?;
             taps.insert(role, Tap::new(file));
         }
         let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps };

@@ -55,7 +55,7 @@ pub struct Reading {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Trip {
     /// A quantity that left its limits.
-    #[error("{what} {value:.4} {unit} left its limits ({}{}) at {time_s:.1} s", between(*least, *greatest, unit), set_by(what))]
+    #[error("{what} {} ({}{}) at {time_s:.1} s", left(*value, unit), between(*least, *greatest, unit), set_by(what))]
     Limit {
         /// The quantity.
         what: &'static str,
@@ -86,6 +86,11 @@ pub enum Trip {
         /// Bench time, s.
         time_s: f64,
     },
+}
+
+/// What was read, and that it may not be so.
+fn left(value: f64, unit: &str) -> String {
+    if value.is_finite() { format!("{value:.4} {unit} left its limits") } else { "cannot be read: its meter gives no number".to_owned() }
 }
 
 /// Limits in words; one that is infinite is none.
@@ -164,7 +169,7 @@ mod tests {
         for (reading, text) in [
             (Reading { voltage_v: Some(2.49), ..inside }, "cell voltage 2.4900 V left its limits (2.5 V to 4.2 V)"),
             (Reading { voltage_v: Some(4.21), ..inside }, "cell voltage 4.2100 V"),
-            (Reading { voltage_v: Some(f64::NAN), ..inside }, "cell voltage NaN V"),
+            (Reading { voltage_v: Some(f64::NAN), ..inside }, "cell voltage cannot be read: its meter gives no number (2.5 V to 4.2 V)"),
             (Reading { current_a: Some(14.0), ..inside }, "cell current 14.0000 A"),
             (Reading { current_a: Some(-46.0), ..inside }, "cell current -46.0000 A"),
             (Reading { temperature_c: Some(60.5), ..inside }, "cell temperature 60.5000 °C"),

@@ -4,8 +4,8 @@ use std::{
     fmt,
     fs::File,
     io::{self, IsTerminal, Write},
-    path::Path,
-    sync::{Arc, Mutex, OnceLock},
+    path::{Path, PathBuf},
+    sync::{Mutex, OnceLock},
 };
 
 use instruments::clock::Clock;
@@ -18,7 +18,7 @@ use tracing_subscriber::{
 };
 
 static BENCH_CLOCK: OnceLock<Clock> = OnceLock::new();
-static RUN_LOG: Mutex<Option<Arc<File>>> = Mutex::new(None);
+static RUN_LOG: Mutex<Option<Box<dyn Write + Send>>> = Mutex::new(None);
 
 /// How much the terminal shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,10 +61,63 @@ pub fn start(verbosity: Verbosity) {
 pub fn log_to(path: &Path, clock: &Clock) -> io::Result<()> {
     let _ = BENCH_CLOCK.set(clock.clone());
     let file = File::options().append(true).create(true).open(path)?;
-    if let Ok(mut log) = RUN_LOG.lock() {
-        *log = Some(Arc::new(file));
-    }
+    write_to(file);
     Ok(())
+}
+
+/// As [`log_to`], into a file of limited size.
+///
+/// # Errors
+/// As [`log_to`].
+pub fn log_to_limited(path: &Path, clock: &Clock) -> io::Result<()> {
+    let _ = BENCH_CLOCK.set(clock.clone());
+    write_to(Limited::open(path)?);
+    Ok(())
+}
+
+fn write_to(file: impl Write + Send + 'static) {
+    if let Ok(mut log) = RUN_LOG.lock() {
+        *log = Some(Box::new(file));
+    }
+}
+
+/// A file of limited size: what is full becomes its `.old`, and the one before that is given up.
+pub struct Limited {
+    path: PathBuf,
+    file: File,
+    left: u64,
+}
+
+/// Most bytes of a limited file: a day of a guardian's attempts in vain.
+const MOST_BYTES: u64 = 8 << 20;
+
+impl Limited {
+    /// Begins, or goes on with, a file.
+    ///
+    /// # Errors
+    /// A file that cannot be opened.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        let file = File::options().append(true).create(true).open(path)?;
+        let left = MOST_BYTES.saturating_sub(file.metadata()?.len());
+        Ok(Self { path: path.to_owned(), file, left })
+    }
+}
+
+impl Write for Limited {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.left < bytes.len() as u64 {
+            std::fs::rename(&self.path, self.path.with_added_extension("old"))?;
+            self.file = File::options().append(true).create(true).open(&self.path)?;
+            self.left = MOST_BYTES;
+        }
+        let written = self.file.write(bytes)?;
+        self.left = self.left.saturating_sub(written as u64);
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
 }
 
 /// From now on the log goes to the terminal only.
@@ -89,9 +142,9 @@ struct RunLog;
 
 impl Write for RunLog {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match RUN_LOG.lock().ok().and_then(|log| log.clone()) {
-            Some(file) => (&*file).write(bytes),
-            None => Ok(bytes.len()),
+        match RUN_LOG.lock().as_deref_mut() {
+            Ok(Some(file)) => file.write(bytes),
+            _ => Ok(bytes.len()),
         }
     }
 

@@ -100,6 +100,9 @@ impl std::fmt::Display for Failing {
         // Two significant digits, whatever the size.
         let percent = |share: f64| {
             let value = 100.0 * share;
+            if !value.is_finite() {
+                return "no number".to_owned();
+            }
             let digits = if value > 0.0 { (1.0 - value.log10().floor()).clamp(0.0, 6.0) as usize } else { 0 };
             format!("{value:.digits$} %")
         };
@@ -261,7 +264,7 @@ mod tests {
             (Measures { noise: 0.02, ..good }, "noise: expected at most 0.50 %, found 2.0 %"),
             (Measures { distortion: (0.034, 0.001), ..good }, "distortion: expected at most 1.0 %, found 3.4 %"),
             (Measures { drift: 0.0061, ..good }, "drift: expected at most 0.50 %, found 0.61 %"),
-            (Measures { drift: f64::NAN, ..good }, "drift: expected at most 0.50 %, found NaN %"),
+            (Measures { drift: f64::NAN, ..good }, "drift: expected at most 0.50 %, found no number"),
             (Measures { repeatability: Some((0.3, 0.01)), ..good }, "difference of the halves: expected at most 1.0 %, found 30 %"),
         ] {
             let failing = LIMITS.judge(&measures);

@@ -62,7 +62,13 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         let clock = Clock::start(bench.time());
         // Who ends on request switches off by itself, and lets go of instruments that take one client.
         let gone = ended(state, &clock, ENDS_S.0).await;
-        switch_off((&bench, &clock), state, args.json).await.inspect_err(|_| {
+        // Its guardian switches off after it, over the same connections.
+        if gone {
+            guarded(state, &clock).await;
+        }
+        // Where somebody else holds the connections, that nothing is known is no reason to latch: he is asked to end, and has a guardian.
+        let latch = state.filter(|_| gone);
+        switch_off((&bench, &clock), latch, args.json).await.inspect_err(|_| {
             if !gone {
                 remark!("eis-bench: instruments that take one client answer only after the process that runs the bench has ended: --kill ends it");
             }
@@ -71,6 +77,7 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
             return Ok(());
         }
         if ended(state, &clock, ENDS_S.1).await {
+            guarded(state, &clock).await;
             remark!("the process that ran the bench has ended by now; once more:");
             return switch_off((&bench, &clock), state, args.json).await;
         }
@@ -107,6 +114,8 @@ fn runner(state: Option<&State>) -> Runner {
 /// How long the process that runs the bench may take to end before the bench is switched off beside it, and after that, s.
 const ENDS_S: (f64, f64) = (5.0, 15.0);
 const LOOK_S: f64 = 0.1;
+/// A guardian is done within this time, s, or tries in vain.
+const GUARDED_S: f64 = 10.0;
 
 /// Waits until nobody runs the bench, so long at most; whether it is so. Where that cannot be known it is not.
 async fn ended(state: Option<&State>, clock: &Clock, at_most_s: f64) -> bool {
@@ -119,6 +128,14 @@ async fn ended(state: Option<&State>, clock: &Clock, at_most_s: f64) -> bool {
             Runner::Somebody(_) if clock.machine_s() - start_s > at_most_s => return false,
             Runner::Somebody(_) => clock.sleep_s(LOOK_S).await,
         }
+    }
+}
+
+/// Waits until no guardian is at work any more, so long at most.
+async fn guarded(state: Option<&State>, clock: &Clock) {
+    let (Some(state), start_s) = (state, clock.machine_s()) else { return };
+    while matches!(state.lock_guardian(), Ok(None)) && clock.machine_s() - start_s < GUARDED_S {
+        clock.sleep_s(LOOK_S).await;
     }
 }
 

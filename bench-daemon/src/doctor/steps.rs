@@ -57,7 +57,7 @@ pub(super) fn judge(findings: &mut Findings, circuit: &Loop, step: &Step) -> boo
     let metered = ammeter(findings, step, (sound, shunt_a, sigma.hypot(METER_SIGMA)));
     probes(findings, circuit, (&mistakes, readings), command);
     let gain = drive(findings, step, current_a, sound || !mistakes.is_empty());
-    voltmeter(findings, (circuit, step), (sound, c4 - c2, c3));
+    voltmeter(findings, (circuit, step), (sound, [c2, c3, c4]));
     sound && gain && metered
 }
 
@@ -212,8 +212,9 @@ fn drive(findings: &mut Findings, step: &Step, current_a: f64, known: bool) -> b
 }
 
 /// The load's leads see the wire to the jig and what is in it.
-fn voltmeter(findings: &mut Findings, (circuit, step): (&Loop, &Step), (sound, jig_v, c3): (bool, f64, f64)) {
+fn voltmeter(findings: &mut Findings, (circuit, step): (&Loop, &Step), (sound, [c2, c3, c4]): (bool, [f64; 3])) {
     let id = "meters.voltmeter";
+    let (jig_v, fixture_v) = (c4 - c2, c4 - c3);
     let Some(load_v) = step.load_v else {
         findings.skip(&[id], "the bench has no load, whose leads would see the jig", "");
         return;
@@ -227,7 +228,11 @@ fn voltmeter(findings: &mut Findings, (circuit, step): (&Loop, &Step), (sound, j
         let good = (c3.signum() * load_v) > 0.5 * VOLTMETER_V && load_v.abs() <= step.supply_v.abs() + VOLTMETER_V;
         (format!("more than nothing, at most the supply's {}", milli(step.supply_v)), good)
     } else {
-        (format!("{}, as the probes show of wire and fixture", milli(jig_v)), (load_v - jig_v).abs() <= 0.3 * jig_v.abs() + VOLTMETER_V)
+        // Sense leads may sit on the jig itself, which is better, or include the wire to it.
+        let (least_v, greatest_v) = if jig_v < fixture_v { (jig_v, fixture_v) } else { (fixture_v, jig_v) };
+        let around_v = 0.3 * jig_v.abs().max(fixture_v.abs()) + VOLTMETER_V;
+        let expected = format!("{} of the fixture alone to {} with its wire, as the probes show", milli(fixture_v), milli(jig_v));
+        (expected, (least_v - around_v..=greatest_v + around_v).contains(&load_v))
     };
     let advice = "the load's voltmeter does not follow the voltage at the jig: it watches over the cell; look at its sense leads and its sense setting";
     findings.judge(id, (expected, milli(load_v)), good, advice);

@@ -135,7 +135,7 @@ impl Executor<'_> {
             if volts <= until_v {
                 break;
             }
-            follows("load", poll, current_a, amps)?;
+            self.explained(follows("load", poll, current_a, amps)).await?;
             bound(step, now_s - start_s, max_s, || format!("the cell is at {volts:.3} V"))?;
         }
         require(&mut self.bench.load, "load")?.safe().await.map_err(error)?;
@@ -171,7 +171,7 @@ impl Executor<'_> {
             }
             // Near the limit of the supply its current falls, as it should.
             if volts < limit_v - 0.1 {
-                follows("supply", poll, current_a, amps.value())?;
+                self.explained(follows("supply", poll, current_a, amps.value())).await?;
             }
             bound(step, now_s - start_s, max_s, || format!("the cell is at {volts:.3} V"))?;
         }

@@ -68,7 +68,7 @@ impl Executor<'_> {
             if volts <= until_v || charge_c.is_some_and(|charge_c| from_c - self.legs.charge_c >= charge_c) {
                 break;
             }
-            follows("load", poll, current_a, drawn_a)?;
+            self.explained(follows("load", poll, current_a, drawn_a)).await?;
             bound(leg, last_s - start_s, leg.max_s, || format!("the cell is at {volts:.3} V"))?;
         }
         Ok(require(&mut self.bench.load, "load")?.safe().await.map_err(error)?)
@@ -100,7 +100,7 @@ impl Executor<'_> {
                 break;
             }
             if volts < limit_v - NEAR_LIMIT_V {
-                follows("supply", poll, current_a, fed_a)?;
+                self.explained(follows("supply", poll, current_a, fed_a)).await?;
             }
             bound(leg, last_s - start_s, leg.max_s, || format!("the cell is at {volts:.3} V and takes {fed_a:.3} A"))?;
         }

@@ -200,11 +200,11 @@ impl Executor<'_> {
             Flowing::Nothing => {}
             Flowing::Load { .. } => {
                 let asked_a = work.level.power_w.map_or(-work.level.current_a, |watts| -watts / volts);
-                follows("load", work.polls, asked_a, drawn_a)?;
+                self.explained(follows("load", work.polls, asked_a, drawn_a)).await?;
             }
             Flowing::Supply => {
                 if volts < self.experiment.cell.limits.max_v - BELOW_GREATEST_V - NEAR_LIMIT_V {
-                    follows("supply", work.polls, work.level.current_a, current_a)?;
+                    self.explained(follows("supply", work.polls, work.level.current_a, current_a)).await?;
                 }
             }
         }

@@ -144,6 +144,16 @@ impl Executor<'_> {
         None
     }
 
+    /// A current that does not come, and why, as far as the instruments say.
+    pub(super) async fn explained(&mut self, followed: Result<(), ExecuteError>) -> Result<(), ExecuteError> {
+        let Err(ExecuteError::Disobeyed { what, expected, met }) = followed else { return followed };
+        let met = match self.cause().await {
+            Some(cause) => format!("{met}: {cause}"),
+            None => met,
+        };
+        Err(ExecuteError::Disobeyed { what, expected, met })
+    }
+
     /// Asks one of the instruments that drive a current; nothing where there is nothing that it was told.
     async fn differs(&mut self, number: usize) -> Result<Option<Result<(), ExecuteError>>, ExecuteError> {
         macro_rules! ask {

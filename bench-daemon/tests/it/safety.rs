@@ -263,7 +263,7 @@ fn only_a_missing_reading_tells_of_a_thermometer_that_has_come_off_altogether() 
         with: &[],
         // It still hangs on the bath, which is no warmer than it should be.
         without: &[(SCENARIO, "thermometer_opens_s = 65.0", "thermometer_ceiling_c = 26.0")],
-        trip: "cell temperature NaN °C",
+        trip: "cell temperature cannot be read: its meter gives no number",
         harm: AbuseKind::OverTemperature,
     };
     case.prove();

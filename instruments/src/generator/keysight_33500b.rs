@@ -1,6 +1,6 @@
 //! Keysight (Agilent) 33500B: a command tree for each channel, an error queue that tells what was adjusted, an output load that changes every volt.
 
-use super::{Capabilities, Dialect, Sine, Wave};
+use super::{Capabilities, Dialect, QUIET_VPP, Sine, Wave};
 use crate::{
     exchange::{Exchange, Expect, Identity},
     instrument::{Model, ms},
@@ -165,7 +165,10 @@ impl Dialect for Keysight {
         let source = format!("SOUR{channel}");
         // The amplitude before the function: else a sine would have that of the wave before it.
         let mut script = still(&source).to_vec();
-        script.extend(self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset }));
+        let sine = self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset });
+        let amplitude = format!("{source}:VOLT?");
+        // Its amplitude is as small as it gets already.
+        script.extend(sine.into_iter().filter(|exchange| !matches!(exchange, Exchange::Set { read_back, .. } if *read_back == amplitude)));
         let modifiers = ["BURS", "SWE", "AM", "FM"];
         script.extend(modifiers.map(|modifier| Exchange::switch(&format!("SOUR{channel}:{modifier}:STAT"), false)));
         script
@@ -177,6 +180,10 @@ fn still(source: &str) -> [Exchange; 2] {
     let least_v = 2.0 * MIN_AMPLITUDE.value();
     [
         Exchange::word(format!("{source}:VOLT:UNIT VPP"), format!("{source}:VOLT:UNIT?"), &["VPP"]),
-        number(format!("{source}:VOLT {least_v:.4}"), &format!("{source}:VOLT"), least_v, AMPLITUDE_STEP_V),
+        Exchange::Set {
+            message: format!("{source}:VOLT {least_v:.4}"),
+            read_back: format!("{source}:VOLT?"),
+            expect: Expect::Number { value: 0.5 * QUIET_VPP, tolerance: 0.5 * QUIET_VPP },
+        },
     ]
 }

@@ -10,6 +10,9 @@ use crate::{
     units::{Hertz, Volts},
 };
 
+/// The least sine of a model may be this much, V peak to peak: 20 mA of a supply of ±20 A at ±10 V, a fifth of what a meter may show where nothing flows.
+const QUIET_VPP: f64 = 0.02;
+
 /// A sine with an offset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sine {

@@ -1,7 +1,7 @@
 //! Siglent SDG1000X (and 2000X/6000X): one keyword-list command per channel, read back whole, silently clamped when out of range; no error queue
 //! to rely on (programming guide PG02-E05B).
 
-use super::{Capabilities, Dialect, Sine, Wave};
+use super::{Capabilities, Dialect, QUIET_VPP, Sine, Wave};
 use crate::{
     exchange::{Exchange, Expect, Identity},
     instrument::{Model, ms},
@@ -68,17 +68,8 @@ impl Dialect for Sdg {
     }
 
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange> {
-        let (freq_hz, peak_to_peak_v, offset_v) = (sine.freq.value(), 2.0 * sine.amplitude.value(), sine.offset.value());
-        let fields = vec![
-            ("FRQ", freq_hz, FREQ_DIGITS * freq_hz + 1.0e-6),
-            ("AMP", peak_to_peak_v, 1.0e-3 * peak_to_peak_v + AMPLITUDE_STEP_V),
-            ("OFST", offset_v, OFFSET_TOLERANCE_V),
-        ];
-        vec![Exchange::Set {
-            message: format!("C{channel}:BSWV WVTP,SINE,FRQ,{freq_hz:.6},AMP,{peak_to_peak_v:.4},OFST,{offset_v:.4},PHSE,0"),
-            read_back: format!("C{channel}:BSWV?"),
-            expect: Expect::All(vec![Expect::FieldWord("WVTP", "SINE"), Expect::Fields(fields)]),
-        }]
+        let peak_to_peak_v = 2.0 * sine.amplitude.value();
+        vec![basic_wave(channel, sine, (peak_to_peak_v, 1.0e-3 * peak_to_peak_v + AMPLITUDE_STEP_V))]
     }
 
     fn wave_steps(&self) -> Option<usize> {
@@ -136,10 +127,25 @@ impl Dialect for Sdg {
     }
 
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
-        let mut script = self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset });
+        let least = Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset };
+        let mut script = vec![basic_wave(channel, &least, (0.5 * QUIET_VPP, 0.5 * QUIET_VPP))];
         script.push(set(channel, "OUTP", "PLRT,NOR", contains("PLRT,NOR")));
         script.extend(["BTWV", "SWWV", "MDWV"].map(|modifier| set(channel, modifier, "STATE,OFF", contains("STATE,OFF"))));
         script
+    }
+}
+
+/// A sine whose amplitude is read back as so much, V peak to peak, within a tolerance.
+fn basic_wave(channel: u8, sine: &Sine, (amplitude_vpp, tolerance_v): (f64, f64)) -> Exchange {
+    let (freq_hz, peak_to_peak_v, offset_v) = (sine.freq.value(), 2.0 * sine.amplitude.value(), sine.offset.value());
+    let fields =
+        vec![("FRQ", freq_hz, FREQ_DIGITS * freq_hz + 1.0e-6), ("AMP", amplitude_vpp, tolerance_v), ("OFST", offset_v, OFFSET_TOLERANCE_V)];
+    // What is no number is refused, and not sent.
+    let number = if peak_to_peak_v.is_finite() { Expect::All(Vec::new()) } else { Expect::Fields(vec![("AMP", peak_to_peak_v, 0.0)]) };
+    Exchange::Set {
+        message: format!("C{channel}:BSWV WVTP,SINE,FRQ,{freq_hz:.6},AMP,{peak_to_peak_v:.4},OFST,{offset_v:.4},PHSE,0"),
+        read_back: format!("C{channel}:BSWV?"),
+        expect: Expect::All(vec![Expect::FieldWord("WVTP", "SINE"), Expect::Fields(fields), number]),
     }
 }
 

@@ -17,11 +17,13 @@ use crate::{
     config::Experiment,
     custody::Custody,
     doctor,
+    interlock::NO_CURRENT_A,
     journal::Entry,
     operator::Operator,
     plan::Checked,
     present::quoted,
     progress::Progress,
+    reconcile,
     record::Recorder,
     sim::Simulation,
 };
@@ -38,6 +40,19 @@ pub(super) struct Run<'a> {
     pub(super) inherited_world: bool,
     /// What was done of this run before its process died or was stopped.
     pub(super) past: Option<Past>,
+}
+
+/// Refuses a bench on which something is switched on that can move charge: another program may be at it, and nothing was changed yet.
+async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
+    let found = reconcile::look(bench).await?;
+    let driven =
+        found.iter().find(|found| found.role != "generator" && (!found.off || found.amps.is_some_and(|amps| amps.abs() > NO_CURRENT_A)));
+    match driven {
+        None => Ok(()),
+        Some(found) => Err(Failure::Usage(format!(
+            "expected every output off before a run, {found}: if no other program uses this bench, `eis-bench safe` switches it off"
+        ))),
+    }
 }
 
 impl Run<'_> {
@@ -137,8 +152,9 @@ impl Run<'_> {
         let identities = bench.identify_strictly().await?;
         self.doctored(&identities)?;
         self.manifest(&identities, "running")?;
-        if self.past.is_some() {
-            self.reconcile(&mut bench).await?;
+        match self.past {
+            Some(_) => self.reconcile(&mut bench).await?,
+            None => nobody_drives(&mut bench).await?,
         }
         Ok((bench, identities))
     }
