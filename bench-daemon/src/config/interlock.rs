@@ -47,7 +47,7 @@ impl Section {
             window_s: within(("temperature_window", si(self.temperature_window), 60.0, (20.0, 600.0), "s"))?,
             charge_c: 0.01 * capacity_c * within(("charge_max", share(self.charge_max), 110.0, (1.0, 1000.0), "%"))?,
             drift_c: 0.01 * capacity_c * within(("charge_drift_max", share(self.charge_drift_max), 0.5, (0.01, 1000.0), "%"))?,
-            frozen_c: 0.01 * capacity_c * within(("frozen_charge", share(self.frozen_charge), 2.0, (0.01, 1000.0), "%"))?,
+            frozen_c: 0.01 * capacity_c * within(("frozen_charge", share(self.frozen_charge), 1.0, (0.01, 1000.0), "%"))?,
             frozen_s: within(("frozen_time", si(self.frozen_time), 30.0, (10.0, 3600.0), "s"))?,
             reading_age_s: within(("reading_age_max", si(self.reading_age_max), 15.0, (2.0, 600.0), "s"))?,
             temperature_age_s: within(("temperature_age_max", si(self.temperature_age_max), 60.0, (10.0, 3600.0), "s"))?,

@@ -229,10 +229,10 @@ fn voltmeter(findings: &mut Findings, (circuit, step): (&Loop, &Step), (sound, [
         (format!("more than nothing, at most the supply's {}", milli(step.supply_v)), good)
     } else {
         // Sense leads may sit on the jig itself, which is better, or include the wire to it.
-        let (least_v, greatest_v) = if jig_v < fixture_v { (jig_v, fixture_v) } else { (fixture_v, jig_v) };
-        let around_v = 0.3 * jig_v.abs().max(fixture_v.abs()) + VOLTMETER_V;
+        let around = |volts: f64| (volts - 0.3 * volts.abs() - VOLTMETER_V, volts + 0.3 * volts.abs() + VOLTMETER_V);
+        let (one, other) = (around(fixture_v), around(jig_v));
         let expected = format!("{} of the fixture alone to {} with its wire, as the probes show", milli(fixture_v), milli(jig_v));
-        (expected, (least_v - around_v..=greatest_v + around_v).contains(&load_v))
+        (expected, (one.0.min(other.0)..=one.1.max(other.1)).contains(&load_v))
     };
     let advice = "the load's voltmeter does not follow the voltage at the jig: it watches over the cell; look at its sense leads and its sense setting";
     findings.judge(id, (expected, milli(load_v)), good, advice);

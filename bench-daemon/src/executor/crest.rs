@@ -51,16 +51,18 @@ impl Executor<'_> {
             return Ok(());
         }
         let cell = difference(high, low);
-        if !smooth(&cell) {
-            return Err(self.no_record("of a cell"));
-        }
         // The scope may be wrong: the voltmeter says where the cell is between the crests.
-        self.agree_with_scope(waveforms, amplitude_a * MOST_OHM)?;
+        let agreed = self.agree_with_scope(waveforms, amplitude_a * MOST_OHM);
         let (least_v, greatest_v) = cell.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| (least.min(*v), most.max(*v)));
         let limits = &self.experiment.cell.limits;
         let (least, greatest) = (limits.min_v, limits.max_v);
         let beyond = [(least_v, least_v < least - MARGIN_V), (greatest_v, greatest_v > greatest + MARGIN_V)];
-        let Some((value, _)) = beyond.into_iter().find(|(_, beyond)| *beyond) else { return Ok(()) };
+        let beyond = beyond.into_iter().find(|(_, beyond)| *beyond);
+        if (agreed.is_err() || beyond.is_some()) && !smooth(&cell) {
+            return Err(self.no_record("of a cell"));
+        }
+        agreed?;
+        let Some((value, _)) = beyond else { return Ok(()) };
         Err(Trip::Limit { what: "cell voltage at the crest of a record", value, unit: "V", least, greatest, time_s }.into())
     }
 

@@ -6,7 +6,7 @@ const DEVIATIONS: f64 = 2.0;
 /// a reading that neither turns nor stands still goes on in its direction.
 const CHANCE: f64 = 1.0e-6;
 /// Fewest pairs of readings that show a noise.
-const FEWEST: f64 = 20.0;
+const FEWEST: f64 = 10.0;
 
 /// The readings of one meter so far.
 #[derive(Debug, Clone, Copy, Default)]

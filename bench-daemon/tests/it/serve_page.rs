@@ -11,6 +11,7 @@ use std::{
 use serde_json::{Value, json};
 
 use crate::{
+    serve_stop::stop_beside_load,
     serve_support::{Served, config, exchange, token},
     support::{Files, Ports, Running, poll},
 };
@@ -248,6 +249,37 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.keys("body", "\u{e00c}");
     browser.wait("#stopped", "every output is off, read back");
     ports.assert_outputs_off();
+}
+
+/// From the click to the banner that says that every output is off, ms.
+const STOP_AND_WAIT: &str = "
+    const done = arguments[arguments.length - 1];
+    const since = performance.now();
+    document.querySelector('#stopped').replaceChildren();
+    document.querySelector('#stop').click();
+    const look = () => document.querySelector('#stopped').innerText.includes('every output is off, read back')
+        ? done(performance.now() - since) : setTimeout(look, 5);
+    look();
+";
+
+#[test]
+fn the_button_in_the_tenth_tab_is_heard_as_soon_as_in_the_first() {
+    let Some(browser) = Browser::start(false) else { return };
+    let open = |served: &Served| {
+        for tab in 0..10 {
+            if tab > 0 {
+                let handle = browser.say("/window/new", &json!({ "type": "tab" }))["handle"].take();
+                browser.say("/window", &json!({ "handle": handle }));
+            }
+            browser.go(&served.url(), DESKTOP);
+            browser.wait("#link", "connected");
+        }
+    };
+    stop_beside_load("in the tenth tab of a browser", open, |_| {
+        browser.wait("#state", "Running");
+        let took = browser.say("/execute/async", &json!({ "script": STOP_AND_WAIT, "args": [] }));
+        1e-3 * took.as_f64().unwrap()
+    });
 }
 
 #[test]

@@ -55,13 +55,18 @@ fn slow(address: &str, over: &AtomicBool) {
     }
 }
 
-#[test]
-fn a_stop_is_heard_beside_silent_sockets_listeners_and_a_slow_client() {
-    let stops: usize = std::env::var("EIS_BENCH_STOPS").map_or(1, |stops| stops.parse().unwrap());
+/// How often it is stopped.
+pub(crate) fn stops() -> usize {
+    std::env::var("EIS_BENCH_STOPS").map_or(1, |stops| stops.parse().unwrap())
+}
+
+/// Stops a run in work as often as wanted, beside everybody who keeps the server busy; `stop` says how long it took until the stop was verified, s.
+pub(crate) fn stop_beside_load(what: &str, prepare: impl FnOnce(&Served), stop: impl Fn(&Served) -> f64) {
     let files = Files::short(14).edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"2 Hz\"").without(EXPERIMENT, "fixture_check");
     let ports = Ports::serve(&files, 1.0, 1);
     config(&files, "[limits]\nrequests_per_s = 1000\nburst = 4000");
     let served = Served::start(&files);
+    prepare(&served);
     let over = AtomicBool::new(false);
     let mut took: Vec<f64> = Vec::new();
     std::thread::scope(|scope| {
@@ -70,13 +75,10 @@ fn a_stop_is_heard_beside_silent_sockets_listeners_and_a_slow_client() {
         }
         scope.spawn(|| slow(&served.address, &over));
         let listeners: Vec<_> = (0..LISTENERS).map(|_| served.listen("")).collect();
-        for _ in 0..stops {
+        for _ in 0..stops() {
             submit(&served, r#"{"experiment":"demo"}"#);
             poll("a current", || (ports.world.lock().unwrap().truth_current_a() != 0.0).then_some(()));
-            let asked_s = unix_time_s();
-            let report = served.post("/benches/demo/stop", "").expect(200).json();
-            took.push(unix_time_s() - asked_s);
-            assert_eq!((&report["verified"], &report["over"]), (&true.into(), &true.into()), "{report}");
+            took.push(stop(&served));
             assert_eq!(ports.world.lock().unwrap().truth_current_a(), 0.0);
             served.post("/benches/demo/release", "").expect(200);
         }
@@ -84,9 +86,24 @@ fn a_stop_is_heard_beside_silent_sockets_listeners_and_a_slow_client() {
         drop(listeners);
     });
     took.sort_by(f64::total_cmp);
-    println!("{stops} stops verified: {:.2} s in the middle, {:.2} s at most", took[took.len() / 2], took[took.len() - 1]);
+    println!("{what}: {} stops verified: {:.2} s in the middle, {:.2} s at most", took.len(), took[took.len() / 2], took[took.len() - 1]);
     ports.assert_outputs_off();
     assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
+}
+
+#[test]
+fn a_stop_is_heard_beside_silent_sockets_listeners_and_a_slow_client() {
+    stop_beside_load(
+        "by the API",
+        |_| (),
+        |served| {
+            let asked_s = unix_time_s();
+            let report = served.post("/benches/demo/stop", "").expect(200).json();
+            let took_s = unix_time_s() - asked_s;
+            assert_eq!((&report["verified"], &report["over"]), (&true.into(), &true.into()), "{report}");
+            took_s
+        },
+    );
 }
 
 #[test]

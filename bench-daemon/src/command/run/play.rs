@@ -45,8 +45,16 @@ pub(super) struct Run<'a> {
 /// Refuses a bench on which something is switched on that can move charge: another program may be at it, and nothing was changed yet.
 async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
     let found = reconcile::look(bench).await?;
-    let driven =
-        found.iter().find(|found| found.role != "generator" && (!found.off || found.amps.is_some_and(|amps| amps.abs() > NO_CURRENT_A)));
+    // A bipolar supply that knows no off stands at zero while its generator does.
+    let commanded = found.iter().any(|found| found.role == "generator" && !found.off);
+    let driven = found.iter().find(|found| {
+        let on = match found.role.as_str() {
+            "generator" => false,
+            "supply4q" => !found.off && commanded,
+            _ => !found.off,
+        };
+        on || found.amps.is_some_and(|amps| amps.abs() > NO_CURRENT_A)
+    });
     match driven {
         None => Ok(()),
         Some(found) => Err(Failure::Usage(format!(
