@@ -229,6 +229,12 @@ impl Told {
         }
     }
 
+    /// What of a script bounds the current, and must stay so too.
+    pub fn add_bounds(&mut self, script: &[Exchange], bounds: &[Bound]) {
+        let bounding = |exchange: &&Exchange| matches!(exchange, Exchange::Set { read_back, .. } if bounds.iter().any(|bound| bound.query == read_back));
+        script.iter().filter(bounding).for_each(|exchange| self.add(std::slice::from_ref(exchange)));
+    }
+
     /// Nothing is known.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()

@@ -92,7 +92,8 @@ fn every_bad_day_ends_finished_or_with_a_cause_in_safe_state() {
     let mut wrong = Vec::new();
     for seed in first..end {
         let day = day(&experiment, &files.path("days"), seed);
-        std::fs::remove_dir_all(files.path("days").join(seed.to_string())).unwrap();
+        // A run that could not begin has no folder.
+        let _ = std::fs::remove_dir_all(files.path("days").join(seed.to_string()));
         *ends.entry(day.ended).or_default() += 1;
         for happened in &day.happened {
             *faults.entry(format!("{:?}", happened.fault)).or_default() += 1;

@@ -76,7 +76,9 @@ impl Instrument<dyn Dialect> {
     pub async fn prepare(&mut self, discharge: &Discharge) -> Result<(), LinkError> {
         play(&mut self.link, &self.dialect.input(false)).await?;
         self.told = Told::default();
-        play(&mut self.link, &self.dialect.prepare(discharge)).await?;
+        let script = self.dialect.prepare(discharge);
+        play(&mut self.link, &script).await?;
+        self.told.add_bounds(&script, self.dialect.bounds());
         self.told.add(&self.dialect.level(discharge.draw));
         Ok(())
     }

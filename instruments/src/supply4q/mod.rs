@@ -113,7 +113,11 @@ impl Instrument<dyn Dialect> {
     pub async fn prepare(&mut self, limits: &Limits) -> Result<(), LinkError> {
         forget_errors(&mut self.link).await?;
         play(&mut self.link, &self.dialect.output(false)).await?;
-        play(&mut self.link, &self.dialect.prepare(limits)).await
+        let script = self.dialect.prepare(limits);
+        play(&mut self.link, &script).await?;
+        self.told = Told::default();
+        self.told.add_bounds(&script, self.dialect.bounds());
+        Ok(())
     }
 
     /// Hands the output to the analog input and switches it on. The caller holds the generator at zero volts.
@@ -121,7 +125,6 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn energise(&mut self) -> Result<(), LinkError> {
-        self.told = Told::default();
         self.tell(&self.dialect.analog(true)).await?;
         self.tell(&self.dialect.output(true)).await
     }
