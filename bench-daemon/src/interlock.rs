@@ -95,6 +95,8 @@ fn left(value: f64, unit: &str) -> String {
 
 /// Limits in words; one that is infinite is none.
 fn between(least: f64, greatest: f64, unit: &str) -> String {
+    // As it was typed: not with the rounding of a sum.
+    let [least, greatest] = [least, greatest].map(|limit| if limit.is_finite() { (1.0e6 * limit).round() / 1.0e6 } else { limit });
     match (least.is_finite(), greatest.is_finite()) {
         (true, true) => format!("{least} {unit} to {greatest} {unit}"),
         (false, _) => format!("at most {greatest} {unit}"),

@@ -63,6 +63,8 @@ impl Executor<'_> {
             }
             Err(failed) => return Err(error(failed).into()),
         }
+        // It begins at its phase, wherever the one before was.
+        self.interlock.lose_period();
         self.burst.on = periods.is_some();
         self.burst.ends_s = periods.map_or(f64::INFINITY, |periods| begun_s + f64::from(periods) / freq_hz);
         Ok(())

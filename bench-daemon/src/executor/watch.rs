@@ -15,6 +15,8 @@ const CERTAIN: f64 = 5.0;
 const DRIVES: usize = 5;
 /// What a reading takes at most as a rule, s.
 const READ_S: f64 = 0.2;
+/// A reading that takes longer than this share of a period is of an unknown place in it: by so much a mean of an amplitude of 1 A may be off by a third of what it may be.
+const UNSURE: f64 = 0.05;
 /// The gain error of a meter, as part of a step's envelope.
 const METER_GAIN: f64 = 1.1;
 /// A temperature is read with every so many readings.
@@ -110,6 +112,10 @@ impl Executor<'_> {
             reading.temperature_c = reading.temperature_c.filter(|celsius| celsius.is_finite());
         }
         self.interlock.silent(self.clock.now_s() >= self.burst.ends_s);
+        // An answer that is late is of another moment of the period.
+        if self.interlock.allowed_mean().is_some_and(|mean| self.read_s > UNSURE * mean.period_s) {
+            self.interlock.lose_period();
+        }
         match self.interlock.judge(&reading, self.clock.machine_s()) {
             Some(trip) => {
                 let trip = trip.because(self.cause().await);

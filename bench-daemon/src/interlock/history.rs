@@ -229,10 +229,15 @@ impl Interlock {
     /// Whether the signal of the step has ended by itself: nothing moves any more then, and the last period is no whole one.
     pub fn silent(&mut self, silent: bool) {
         if silent != self.silent {
-            self.period.clear();
+            self.lose_period();
             (self.voltage.time_s, self.amps.time_s) = (None, None);
         }
         self.silent = silent;
+    }
+
+    /// What was read of the period so far is not of one signal, or not of known times.
+    pub fn lose_period(&mut self) {
+        self.period.clear();
     }
 
     /// Something else is in the jig: what was seen before says nothing of it.

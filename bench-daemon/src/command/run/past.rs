@@ -88,6 +88,11 @@ impl Past {
         passed_s.max(self.story.last_s)
     }
 
+    /// How many points were finished.
+    pub(super) fn points(&self) -> usize {
+        self.story.stages.values().map(|stage| stage.points.len()).sum()
+    }
+
     /// What is to be said when the points of the open sweep were measured at another state of charge than the cell has now.
     fn moved(&self, volts: f64) -> Option<String> {
         let (open, _) = self.next.open?;
@@ -133,7 +138,7 @@ impl Past {
             |(stage, step)| format!("in stage {} ({}) from step {}", stage + 1, purpose(stage), step + 1),
         );
         let again = self.next.again.map_or_else(String::new, |stage| format!(", after stage {} ({}) again", stage + 1, purpose(stage)));
-        let points: usize = self.story.stages.values().map(|stage| stage.points.len()).sum();
+        let points = self.points();
         let text = format!("the run goes on {open}{again}; {points} points were finished before");
         tracing::info!("{text}");
         if let Some(after) = &self.after {

@@ -24,11 +24,28 @@ pub(super) struct Budget {
     policy: Perseverance,
     passing: usize,
     others: usize,
+    /// Points that were finished when it went on last, when that was, bench s, and how often nothing was done in between.
+    points: usize,
+    since_s: f64,
+    stalled: usize,
 }
+
+/// What comes again and again with nothing done in between does not pass.
+const MOST_STALLED: usize = 2;
+/// A step that takes long is done in part, s.
+const DONE_S: f64 = 600.0;
 
 impl Budget {
     pub(super) fn of(policy: Perseverance) -> Self {
-        Self { policy, passing: 0, others: 0 }
+        Self { policy, passing: 0, others: 0, points: 0, since_s: f64::NEG_INFINITY, stalled: 0 }
+    }
+
+    /// Whether anything was done since it went on last, or that was tried less often than `MOST_STALLED`.
+    fn moves(&mut self, points: usize, now_s: f64) -> bool {
+        let moved = points > self.points || now_s - self.since_s > DONE_S;
+        self.stalled = if moved { 0 } else { self.stalled + 1 };
+        (self.points, self.since_s) = (points, now_s);
+        self.stalled < MOST_STALLED
     }
 
     /// The wait before it goes on after this failure, s, and in words which time it is; none where it does not.
@@ -96,6 +113,10 @@ impl Session {
                     return outcome;
                 }
             };
+            if !budget.moves(past.points(), self.now_s()) {
+                remark!("eis-bench: nothing was done since it went on by itself the last times: it does not go on again");
+                return outcome;
+            }
             outcome = self.play(&experiment, folder, Some(past.after(text)));
         }
     }
@@ -117,5 +138,22 @@ impl Session {
             }
             Ok(true)
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_comes_again_with_nothing_done_in_between_ends_the_run_before_the_budget_does() {
+        let budget = || Budget::of(Perseverance { passing: 5, pause_s: 5.0, most: 0, after_s: 0.0 });
+        // A point each, or ten minutes of a discharge: all five.
+        let mut sweeping = budget();
+        assert!((1..=5).all(|points| sweeping.moves(points, 20.0 * points as f64)));
+        let mut discharging = budget();
+        assert!((1..=5).all(|time| discharging.moves(0, 700.0 * f64::from(time))));
+        let mut stuck = budget();
+        assert_eq!([10.0, 40.0, 70.0].map(|now_s| stuck.moves(3, now_s)), [true, true, false]);
     }
 }

@@ -185,3 +185,28 @@ fn a_chiller_that_stopped_or_has_an_alarm_trips() {
         assert_eq!(trip.as_deref(), Some("chiller: expected it to run without an alarm, found `02 REMOTE STOP` at 7.0 s"));
     }
 }
+
+/// A sine of 1 A and 10 s that begins anew after 7 s: its mean over the last ten seconds is no mean of a period until a whole one was read.
+#[test]
+fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offset_still_trips() {
+    let mean = Some(Mean { period_s: 10.0, greatest_a: 0.2 });
+    let sine = |since_s: f64, offset_a: f64| {
+        move |t: f64| (3.8 + 1.0e-3 * t.sin(), offset_a + (std::f64::consts::TAU * 0.1 * (t - since_s)).sin(), Some(25.0 + 0.01 * t))
+    };
+    let begun = || {
+        let mut interlock = live(FREE);
+        interlock.begin(Allowance { live: true, mean, ..Allowance::idle(LIMITS) }, 0.0);
+        interlock
+    };
+    let both = |interlock: &mut Interlock, lost: bool| {
+        assert_eq!(play(interlock, course(7, sine(0.0, 0.0))), None);
+        if lost {
+            interlock.lose_period();
+        }
+        play(interlock, course(57, sine(7.0, 0.0)).skip(7))
+    };
+    assert!(both(&mut begun(), false).is_some_and(|(text, _)| text.starts_with("mean of the cell current")));
+    assert_eq!(both(&mut begun(), true), None);
+    let tripped = play(&mut begun(), course(60, sine(0.0, 0.3)));
+    assert!(tripped.is_some_and(|(text, time_s)| text.starts_with("mean of the cell current 0.3") && time_s <= 12.0));
+}
