@@ -118,7 +118,12 @@ impl<D: Model + ?Sized> Instrument<D> {
         for Bound { query, words, unit } in bounds {
             // Who does not answer once is not asked again: that would only take time.
             let Ok(number) = self.number(query).await else { break };
-            told.push(format!("{words} {number} {unit}"));
+            // No sign before a zero, and no words twice.
+            let value = format!("{} {unit}", number + 0.0);
+            match told.last_mut().filter(|last: &&mut String| last.starts_with(words)) {
+                Some(last) => last.push_str(&format!(" and {value}")),
+                None => told.push(format!("{words} {value}")),
+            }
         }
         told
     }

@@ -107,6 +107,27 @@ fn the_drive_ends_by_itself_where_nobody_is_left_to_end_it() {
 }
 
 #[test]
+fn a_run_that_waits_to_go_on_by_itself_is_ended_by_safe_and_holds_its_bench_meanwhile() {
+    let faults = "[simulation.faults]\nseed = 1\nper_message = 1.0\nmost = 1\nkinds = [\"reset\"]\nrole = \"scope\"\nfrom = \"6 s\"";
+    let files = Files::short(6).without(EXPERIMENT, "fixture_check").append(BENCH, faults);
+    let ports = Ports::serve(&files, 1.0, 1);
+    let run = files.path("run");
+    let child = start(&files, &run, &[]);
+    let journal = || fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default();
+    poll("the end of the first part", || journal().contains("ended early").then_some(()));
+    let second = files.run("second");
+    second.expect_code(8);
+    let safe = on_bench(&files, &["safe"]);
+    safe.expect_code(0);
+    assert!(safe.stderr.contains("was asked to end its run"), "{}", safe.stderr);
+    let (code, said) = end(child);
+    assert!(code == Some(3) && said.contains("going on by itself in 5 s"), "{code:?}: {said}");
+    assert!(!journal().contains("the run goes on"), "{}", journal());
+    ports.assert_outputs_off();
+    files.run("again").expect_code(0);
+}
+
+#[test]
 fn a_daemon_that_is_stopped_loses_its_lease_and_its_life() {
     let files = Files::short(6).append(BENCH, "[guardian]\nlease = \"1.5 s\"");
     let ports = Ports::serve(&files, FACTOR, 1);

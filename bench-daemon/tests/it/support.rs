@@ -237,7 +237,8 @@ impl Ports {
         let (bench, _) = load_bench(&files.path(BENCH)).unwrap();
         let mode = TimeMode::Scaled(factor);
         let quirks = bench.simulation.as_ref().map(|simulation| simulation.quirks.clone()).unwrap_or_default();
-        let simulation = Simulation::new(&files.path(SCENARIO), seed).unwrap().with_quirks(quirks);
+        let faults = bench.simulation.as_ref().and_then(|simulation| simulation.faults.clone());
+        let simulation = Simulation::new(&files.path(SCENARIO), seed).unwrap().with_quirks(quirks).with_faults(faults);
         let world = simulation.world().clone();
         let (stop, stopped) = tokio::sync::oneshot::channel();
         let (tell, told) = mpsc::channel();

@@ -88,6 +88,11 @@ impl Past {
         passed_s.max(self.story.last_s)
     }
 
+    /// Whether it has begun anything that may have left a current flowing.
+    pub(super) fn has_driven(&self) -> bool {
+        self.read.lines.iter().any(|line| matches!(line.entry, Entry::Intent { live: true, .. }))
+    }
+
     /// How many points were finished.
     pub(super) fn points(&self) -> usize {
         self.story.stages.values().map(|stage| stage.points.len()).sum()

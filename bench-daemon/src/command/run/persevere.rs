@@ -9,8 +9,10 @@ use crate::{
     bench::BenchError,
     command::Failure,
     config::{Experiment, Perseverance},
-    custody,
     executor::ExecuteError,
+    guardian::GuardianError,
+    journal::{self, Entry},
+    state::{Lock, State},
     terminal::remark,
     wishes::{Course, Wishes},
 };
@@ -40,17 +42,13 @@ impl Budget {
         Self { policy, passing: 0, others: 0, points: 0, since_s: f64::NEG_INFINITY, stalled: 0 }
     }
 
-    /// Whether anything was done since it went on last, or that was tried less often than `MOST_STALLED`.
-    fn moves(&mut self, points: usize, now_s: f64) -> bool {
+    /// The wait before it goes on after this failure, with so many points finished at `now_s`, s, and in words which time it is; none where it does not. What comes
+    /// again with nothing done in between does not pass at once.
+    fn next(&mut self, failure: &Failure, points: usize, now_s: f64) -> Option<(f64, String)> {
         let moved = points > self.points || now_s - self.since_s > DONE_S;
         self.stalled = if moved { 0 } else { self.stalled + 1 };
         (self.points, self.since_s) = (points, now_s);
-        self.stalled < MOST_STALLED
-    }
-
-    /// The wait before it goes on after this failure, s, and in words which time it is; none where it does not.
-    fn next(&mut self, failure: &Failure) -> Option<(f64, String)> {
-        if passes(failure) && self.passing < self.policy.passing {
+        if passes(failure) && self.passing < self.policy.passing && self.stalled < MOST_STALLED {
             self.passing += 1;
             return Some((self.policy.pause_s, format!("{} of {} for faults that pass", self.passing, self.policy.passing)));
         }
@@ -78,6 +76,8 @@ fn may_pass(failure: &Failure) -> bool {
     matches!(
         failure,
         Failure::Bench(BenchError::Link { .. })
+            // The next guardian does not reach an instrument that is away for longer.
+            | Failure::Guardian(GuardianError::Refused(_) | GuardianError::Bench(_))
             | Failure::Execute(
                 ExecuteError::Bench(BenchError::Link { .. })
                     | ExecuteError::Disobeyed { .. }
@@ -90,42 +90,58 @@ fn may_pass(failure: &Failure) -> bool {
     )
 }
 
+/// Points that the journal holds.
+fn finished_points(folder: &Path) -> usize {
+    journal::read(folder).map_or(0, |read| read.lines.iter().filter(|line| matches!(line.entry, Entry::Point(_))).count())
+}
+
+/// The bench, kept from others; nothing where it is simulated in this process.
+fn held(experiment: &Experiment, folder: &Path) -> Result<Option<(State, Lock)>, Failure> {
+    let Some(state) = State::of(&experiment.bench)? else { return Ok(None) };
+    let lock = state.lock(&std::path::absolute(folder)?)?;
+    Ok(Some((state, lock)))
+}
+
 impl Session {
     /// What becomes of a run whose first part ended so.
     pub(super) fn persevere(
         &mut self,
         (experiment, folder): (&Experiment, &Path),
         mut outcome: Result<Finished, Failure>,
+        mut stop: StopSignals,
     ) -> Result<Finished, Failure> {
         let mut budget = Budget::of(experiment.perseverance);
         loop {
             let Err(failure) = &outcome else { return outcome };
-            let Some((wait_s, which)) = budget.next(failure) else { return outcome };
+            let Some((wait_s, which)) = budget.next(failure, finished_points(folder), self.now_s()) else { return outcome };
+            // Whoever asks for the end while it waits must find somebody to ask, and nobody else may take the bench or the folder.
+            let (Ok(held), Ok(writing)) = (held(experiment, folder), journal::hold(folder)) else { return outcome };
             let text = format!("went on by itself ({which}) after: {failure}");
             remark!("eis-bench: {failure}; every output is off: going on by itself in {wait_s:.0} s ({which})");
-            if !self.waited(wait_s, folder)? {
+            if !self.waited(wait_s, folder, &mut stop)? {
                 return outcome;
             }
-            let (experiment, past) = match Past::read(folder, false, |experiment| custody::refuse(&experiment.bench)) {
+            let free = |_: &Experiment| held.as_ref().map_or(Ok(()), |(state, _)| Ok(state.refuse_latched()?));
+            let (experiment, past) = match Past::read(folder, false, free) {
+                Ok((_, past)) if !past.has_driven() => {
+                    remark!("eis-bench: nothing was switched on yet: it does not go on by itself");
+                    return outcome;
+                }
                 Ok(read) => read,
                 Err(stuck) => {
                     remark!("eis-bench: it cannot go on by itself: {stuck}");
                     return outcome;
                 }
             };
-            if !budget.moves(past.points(), self.now_s()) {
-                remark!("eis-bench: nothing was done since it went on by itself the last times: it does not go on again");
-                return outcome;
-            }
+            drop((held, writing));
             outcome = self.play(&experiment, folder, Some(past.after(text)));
         }
     }
 
     /// Waits unless a person wants the run to end; whether to go on.
-    fn waited(&self, wait_s: f64, folder: &Path) -> Result<bool, Failure> {
+    fn waited(&self, wait_s: f64, folder: &Path, stop: &mut StopSignals) -> Result<bool, Failure> {
         let Some(runtime) = &self.runtime else { return Ok(false) };
         runtime.block_on(async {
-            let mut stop = StopSignals::install()?;
             let end_s = self.clock.now_s() + wait_s;
             while self.clock.now_s() < end_s {
                 if Wishes::read(folder).course == Course::Abort {
@@ -136,7 +152,7 @@ impl Session {
                     () = stop.requested() => return Ok(false),
                 }
             }
-            Ok(true)
+            Ok(!stop.came().await)
         })
     }
 }
@@ -146,14 +162,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_comes_again_with_nothing_done_in_between_ends_the_run_before_the_budget_does() {
-        let budget = || Budget::of(Perseverance { passing: 5, pause_s: 5.0, most: 0, after_s: 0.0 });
-        // A point each, or ten minutes of a discharge: all five.
-        let mut sweeping = budget();
-        assert!((1..=5).all(|points| sweeping.moves(points, 20.0 * points as f64)));
-        let mut discharging = budget();
-        assert!((1..=5).all(|time| discharging.moves(0, 700.0 * f64::from(time))));
-        let mut stuck = budget();
-        assert_eq!([10.0, 40.0, 70.0].map(|now_s| stuck.moves(3, now_s)), [true, true, false]);
+    fn what_comes_again_with_nothing_done_in_between_passes_later_or_not_at_all() {
+        let lost = || {
+            let source = instruments::link::LinkError::Dropped { link: "scope".to_owned(), why: String::new() };
+            Failure::Bench(BenchError::Link { role: "scope", model: String::new(), source: Box::new(source) })
+        };
+        let budget = |most| Budget::of(Perseverance { passing: 5, pause_s: 5.0, most, after_s: 300.0 });
+        let waits = |mut budget: Budget, at: &dyn Fn(usize) -> (usize, f64)| -> Vec<Option<f64>> {
+            (1..=6).map(|k| budget.next(&lost(), at(k).0, at(k).1).map(|(wait_s, _)| wait_s)).collect()
+        };
+        let five = [Some(5.0), Some(5.0), Some(5.0), Some(5.0), Some(5.0), None];
+        // A point each, or ten minutes of a discharge.
+        assert_eq!(waits(budget(0), &|k| (k, 20.0 * k as f64)), five);
+        assert_eq!(waits(budget(0), &|k| (0, 700.0 * k as f64)), five);
+        assert_eq!(waits(budget(0), &|k| (3, 30.0 * k as f64))[..3], [Some(5.0), Some(5.0), None]);
+        assert_eq!(waits(budget(2), &|k| (3, 30.0 * k as f64)), [Some(5.0), Some(5.0), Some(300.0), Some(300.0), None, None]);
     }
 }

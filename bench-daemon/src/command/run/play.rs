@@ -160,9 +160,12 @@ impl Run<'_> {
         let identities = bench.identify_strictly().await?;
         self.doctored(&identities)?;
         self.manifest(&identities, "running")?;
-        match self.past {
-            Some(_) => self.reconcile(&mut bench).await?,
-            None => nobody_drives(&mut bench).await?,
+        // Only what this run may have left on is its own to switch off.
+        if !self.past.as_ref().is_some_and(Past::has_driven) {
+            nobody_drives(&mut bench).await?;
+        }
+        if self.past.is_some() {
+            self.reconcile(&mut bench).await?;
         }
         Ok((bench, identities))
     }

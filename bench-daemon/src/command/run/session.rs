@@ -9,7 +9,7 @@ use instruments::{
 };
 use tokio::runtime::Runtime;
 
-use super::{Finished, Past, play::Run};
+use super::{Finished, Past, play::Run, stop::StopSignals};
 use crate::terminal::remark;
 use crate::{
     command::{Failure, diagnose},
@@ -71,8 +71,9 @@ impl Session {
     /// # Errors
     /// As [`super::run`].
     pub fn run(&mut self, experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
+        let stop = self.signals()?;
         let outcome = self.play(experiment, folder, None);
-        self.persevere((experiment, folder), outcome)
+        self.persevere((experiment, folder), outcome, stop)
     }
 
     /// Goes on with a run in its folder.
@@ -80,8 +81,15 @@ impl Session {
     /// # Errors
     /// As [`super::run`].
     pub(crate) fn go_on(&mut self, experiment: &Experiment, folder: &Path, past: Past) -> Result<Finished, Failure> {
+        let stop = self.signals()?;
         let outcome = self.play(experiment, folder, Some(past));
-        self.persevere((experiment, folder), outcome)
+        self.persevere((experiment, folder), outcome, stop)
+    }
+
+    /// What asks for the end from here on, whether or not anybody looks just then.
+    fn signals(&self) -> Result<StopSignals, Failure> {
+        let Some(runtime) = &self.runtime else { return Err(ended()) };
+        Ok(runtime.block_on(async { StopSignals::install() })?)
     }
 
     pub(super) fn play(&mut self, experiment: &Experiment, folder: &Path, past: Option<Past>) -> Result<Finished, Failure> {
@@ -89,7 +97,7 @@ impl Session {
         experiment.cell.wide.iter().for_each(|text| remark!("note: {text}"));
         let operator = Operator::detect();
         refuse_without_person(experiment, operator)?;
-        let Some(runtime) = &self.runtime else { return Err(Failure::Panic("the bench's session has ended".to_owned())) };
+        let Some(runtime) = &self.runtime else { return Err(ended()) };
         let inherited_world = self.simulation.is_some();
         if !inherited_world {
             self.simulation = simulated(experiment)?;
@@ -128,6 +136,10 @@ impl Drop for Session {
             runtime.shutdown_background();
         }
     }
+}
+
+fn ended() -> Failure {
+    Failure::Panic("the bench's session has ended".to_owned())
 }
 
 /// The world behind in-process addresses; with addresses on real ports somebody else serves it.

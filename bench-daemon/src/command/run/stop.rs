@@ -25,6 +25,15 @@ impl StopSignals {
         Ok(Self([interrupt?, terminate?, hangup?, quit?, suspend?]))
     }
 
+    /// Whether one of them has come since they were installed, or since the last that was heard.
+    pub(crate) async fn came(&mut self) -> bool {
+        tokio::select! {
+            biased;
+            () = self.requested() => true,
+            () = std::future::ready(()) => false,
+        }
+    }
+
     /// Waits for the first of them.
     pub(crate) async fn requested(&mut self) {
         let [interrupt, terminate, hangup, quit, suspend] = &mut self.0;

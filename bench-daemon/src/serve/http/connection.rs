@@ -15,7 +15,12 @@ use std::{
     time::Duration,
 };
 
-use axum::{Router, extract::Request, http::StatusCode, response::IntoResponse};
+use axum::{
+    Router,
+    extract::Request,
+    http::{HeaderValue, StatusCode, header},
+    response::IntoResponse,
+};
 use hyper::{body::Incoming, server::conn::http1, service::service_fn};
 use hyper_util::{
     rt::{TokioIo, TokioTimer},
@@ -201,7 +206,10 @@ where
                 Some(answer) => answer.await,
                 None => {
                     let words = "expected fewer connections at once, found more than this server has places for";
-                    Ok(Refusal::of(StatusCode::SERVICE_UNAVAILABLE, words).into_response())
+                    let mut refused = Refusal::of(StatusCode::SERVICE_UNAVAILABLE, words).into_response();
+                    // Who has no place does not keep his connection either.
+                    refused.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+                    Ok(refused)
                 }
             }
         }
