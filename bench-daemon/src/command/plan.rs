@@ -59,8 +59,9 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
     let hours = |seconds: f64| format!("{:.0} h {:02.0} min", (seconds / 3600.0).floor(), (seconds % 3600.0) / 60.0);
     say!("\nabout {}, at most {} of bench time", hours(plan.plan().expected_s()), hours(plan.plan().longest_s()));
     let [pause, end] = plan.plan().waits();
-    let told = |wait: Option<(&crate::plan::Step, f64)>| {
-        wait.map_or_else(|| "none".to_owned(), |(step, s)| format!("{s:.0} s ({})", step.to_string().trim()))
+    let told = |wait: Option<(&Step, f64, f64)>| {
+        let text = |(step, about_s, s): (&Step, f64, f64)| format!("about {about_s:.0} s, at most {s:.0} s ({})", step.to_string().trim());
+        wait.map_or_else(|| "none".to_owned(), text)
     };
     endings(&experiment, plan.plan()).iter().for_each(|text| say!("{text}"));
     say!("longest wait after `eis-bench pause`: {}; after `eis-bench abort`: {}", told(pause), told(end));

@@ -70,6 +70,7 @@ impl Executor<'_> {
         step: &Step,
         (quality, before): (&Quality, SweepPoint),
     ) -> Result<SweepPoint, ExecuteError> {
+        self.heed_abort()?;
         let reasons: Vec<String> = before.failing.iter().map(ToString::to_string).collect();
         let text = format!("{step}: measured again: {}", reasons.join("; "));
         tracing::info!("{text}");

@@ -77,6 +77,7 @@ impl Executor<'_> {
             .collect();
         let text = format!("multisine {}: recorded again: {}", band.number, reasons.join("; "));
         tracing::info!("{text}");
+        self.heed_abort()?;
         self.recorder.event(Event::Again, &text)?;
         let start_s = self.clock.now_s();
         let taken = points[range.clone()].iter().map(|point| point.captures).max().unwrap_or(0);

@@ -46,6 +46,11 @@ impl Executor<'_> {
         self.paused(false).map(|_| ())
     }
 
+    /// Ends the run on request before a point is measured again; a pause waits for the end of the step.
+    pub(super) fn heed_abort(&self) -> Result<(), ExecuteError> {
+        if self.clock.mode() == TimeMode::Virtual { Ok(()) } else { self.paused(false).map(|_| ()) }
+    }
+
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         // What is begun again afterwards is written down again.
         (self.announced, self.ahead) = (None, None);

@@ -24,13 +24,14 @@ impl Plan {
         self.stages.iter().map(played).sum()
     }
 
-    /// The step that a request to pause, and the one that a request to end, may have to wait for longest, with its duration, bench s.
-    pub fn waits(&self) -> [Option<(&Step, f64)>; 2] {
+    /// The step that a request to pause, and the one that a request to end, may have to wait for longest, with its expected and its longest duration, bench s.
+    pub fn waits(&self) -> [Option<(&Step, f64, f64)>; 2] {
         let longest = |of: fn(&&Step) -> bool| {
             let steps = self.stages.iter().flat_map(|stage| &stage.steps).filter(of);
-            steps.map(|step| (step, step.expected_s())).max_by(|one, other| one.1.total_cmp(&other.1))
+            steps.map(|step| (step, step.expected_s(), step.longest_s())).max_by(|one, other| one.2.total_cmp(&other.2))
         };
-        [longest(|_| true), longest(|step| !step.ends_early())]
+        // Points that are measured again are ended one by one.
+        [longest(|_| true), longest(|step| !step.ends_early() && !matches!(step, Step::Recheck { .. }))]
     }
 
     /// How long generator and bipolar supply drive on at most where no message reaches them any more, by a model that takes so many periods in a burst, bench s:
