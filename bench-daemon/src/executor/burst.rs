@@ -44,6 +44,8 @@ impl Executor<'_> {
         let periods = most.map(|_| wanted as u32);
         let begun_s = self.clock.now_s();
         self.burst.ends_s = f64::INFINITY;
+        // It begins at its phase, wherever the one before was.
+        self.interlock.lose_period();
         if periods.is_none() && !self.burst.on {
             return Ok(());
         }
@@ -63,8 +65,6 @@ impl Executor<'_> {
             }
             Err(failed) => return Err(error(failed).into()),
         }
-        // It begins at its phase, wherever the one before was.
-        self.interlock.lose_period();
         self.burst.on = periods.is_some();
         self.burst.ends_s = periods.map_or(f64::INFINITY, |periods| begun_s + f64::from(periods) / freq_hz);
         Ok(())
