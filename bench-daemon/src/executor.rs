@@ -116,6 +116,8 @@ pub struct Executor<'a> {
     shown_v: Option<f64>,
     /// What the power-up in work allows of the current, A.
     powered_a: Option<f64>,
+    /// Scales of the shunt's channels, V per division, and the mean of the current in the first record on them since the power-up, A.
+    first_mean: Option<([f64; 2], f64)>,
     /// The cell's temperature when it was read last, °C.
     last_c: Option<f64>,
     /// The logger scans nothing before it was told what.
@@ -188,6 +190,7 @@ impl<'a> Executor<'a> {
             heeded_s: f64::NEG_INFINITY,
             shown_v: None,
             powered_a: None,
+            first_mean: None,
             last_c: None,
             logger_ready: false,
             legs: leg::Legs::default(),

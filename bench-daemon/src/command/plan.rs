@@ -19,7 +19,7 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
     let mut texts = Vec::new();
     match plan.plays_on_s(most) {
         Some(longest_s) if longest_s.is_finite() => {
-            texts.push(format!("without a further message the generator falls silent within {longest_s:.0} s: it plays bursts"));
+            texts.push(format!("without a further message the generator falls silent after about {longest_s:.0} s: it plays bursts"));
         }
         Some(_) => {
             let why = match generator.map(|dialect| dialect.most_periods()) {

@@ -18,7 +18,8 @@ const OFFSET_GAIN: f64 = 0.015;
 const LEADS_OHM: f64 = 0.1;
 /// A cell that carries no current for long has the bath's temperature, but for what its mounting lets through, K.
 const COLDER_K: f64 = 10.0;
-/// What a cell at its greatest current may be warmer, K: half of the way from 20 °C to the 60 °C at which cells are no longer discharged.
+/// What a cell may be warmer under a periodic current, K: half of the way from 20 °C to the 60 °C at which cells are no longer discharged. Under a great direct
+/// current it may have all of that way.
 const WARMER_K: f64 = 20.0;
 /// How far the effective value by the supply's readings may be from that by the shunt, as a share: readings a second apart of a period of five.
 const EFFECTIVE: f64 = 0.3;
@@ -58,21 +59,20 @@ impl Executor<'_> {
         chiller.temperature().await.ok().map(|celsius| celsius.value())
     }
 
-    /// A bath that holds the cell is not far from it. While the temperature is to change nothing is judged.
+    /// A bath that holds the cell is not far from it. While nothing can flow, or the temperature is to change, nothing is judged.
     pub(super) async fn agree_with_bath(&mut self) -> Result<(), ExecuteError> {
-        let Some(cell_c) = self.last_c.filter(|celsius| celsius.is_finite() && self.thermostat.is_none() && !self.interlock.tempering())
-        else {
-            return Ok(());
-        };
+        let judged = self.thermostat.is_none() && self.interlock.is_live() && !self.interlock.tempering();
+        let Some(cell_c) = self.last_c.filter(|celsius| celsius.is_finite() && judged) else { return Ok(()) };
         let Some(bath_c) = self.bath_c().await else { return Ok(()) };
-        if (-COLDER_K..=WARMER_K).contains(&(cell_c - bath_c)) {
+        let warmer_k = if self.interlock.allowed_mean().is_some() { WARMER_K } else { f64::INFINITY };
+        if (-COLDER_K..=warmer_k).contains(&(cell_c - bath_c)) {
             return Ok(());
         }
         Err(ExecuteError::Disagree {
             what: "temperature",
             one: format!("thermocouple on the cell {cell_c:.2} °C"),
             other: format!("bath {bath_c:.2} °C"),
-            allowed: format!("{WARMER_K} K where the cell is warmer, {COLDER_K} K where it is colder"),
+            allowed: format!("{warmer_k} K where the cell is warmer, {COLDER_K} K where it is colder"),
         })
     }
 

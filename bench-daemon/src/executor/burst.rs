@@ -3,9 +3,11 @@
 
 use instruments::link::LinkError;
 
-use super::{ExecuteError, Executor, require};
-use crate::plan::LEEWAY_S;
+use super::{ExecuteError, Executor, power::IDLE_CURRENT_A, require};
+use crate::{interlock::Reading, plan::LEEWAY_S};
 
+/// A supply follows its command, and shows so, after this time, s; the clocks of a burst of an hour differ by less.
+const FADES_S: f64 = 1.0;
 /// Where that was not enough it is so many times longer.
 const LONGER: f64 = 2.0;
 /// How often it is made longer, for one point.
@@ -16,16 +18,18 @@ pub(super) const MOST_LONGER: usize = 6;
 pub(super) struct Burst {
     /// The signal ends at this time at the earliest, bench s.
     pub(super) ends_s: f64,
+    /// It has ended at this time at the latest, bench s.
+    ended_s: f64,
     leeway_s: f64,
     /// The generator is in bursts.
     on: bool,
     /// It did not do what it was told.
-    refused: bool,
+    pub(super) refused: bool,
 }
 
 impl Default for Burst {
     fn default() -> Self {
-        Self { ends_s: f64::INFINITY, leeway_s: LEEWAY_S, on: false, refused: false }
+        Self { ends_s: f64::INFINITY, ended_s: f64::INFINITY, leeway_s: LEEWAY_S, on: false, refused: false }
     }
 }
 
@@ -43,7 +47,7 @@ impl Executor<'_> {
         let most = generator.most_periods().filter(|most| wiring.bursts && !self.burst.refused && wanted <= f64::from(*most));
         let periods = most.map(|_| wanted as u32);
         let begun_s = self.clock.now_s();
-        self.burst.ends_s = f64::INFINITY;
+        (self.burst.ends_s, self.burst.ended_s) = (f64::INFINITY, f64::INFINITY);
         // It begins at its phase, wherever the one before was.
         self.interlock.lose_period();
         if periods.is_none() && !self.burst.on {
@@ -66,13 +70,28 @@ impl Executor<'_> {
             Err(failed) => return Err(error(failed).into()),
         }
         self.burst.on = periods.is_some();
-        self.burst.ends_s = periods.map_or(f64::INFINITY, |periods| begun_s + f64::from(periods) / freq_hz);
+        if let Some(periods) = periods {
+            let lasts_s = f64::from(periods) / freq_hz;
+            (self.burst.ends_s, self.burst.ended_s) = (begun_s + lasts_s, self.clock.now_s() + lasts_s + FADES_S);
+        }
         Ok(())
     }
 
     /// The generator was told to be quiet: no burst, and nothing that could end.
     pub(super) fn no_burst(&mut self) {
-        (self.burst.on, self.burst.ends_s) = (false, f64::INFINITY);
+        (self.burst.on, self.burst.ends_s, self.burst.ended_s) = (false, f64::INFINITY, f64::INFINITY);
+    }
+
+    /// Refuses a reading of a current after the signal must have ended.
+    pub(super) fn ended(&self, reading: &Reading) -> Result<(), ExecuteError> {
+        let Some(amps) = reading.current_a.filter(|amps| reading.time_s > self.burst.ended_s && amps.abs() > IDLE_CURRENT_A) else {
+            return Ok(());
+        };
+        Err(ExecuteError::Disobeyed {
+            what: "generator".to_owned(),
+            expected: format!("its burst to have ended {:.1} s ago", reading.time_s - self.burst.ended_s),
+            met: format!("{amps:.3} A"),
+        })
     }
 
     /// Whether a record that ends at `end_s` would miss a part of the signal; the next one is made longer then.

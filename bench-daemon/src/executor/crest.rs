@@ -15,6 +15,18 @@ const SMOOTH: f64 = 0.5;
 const OFFSET_SHARE: f64 = 0.01;
 const OFFSET_V: f64 = 1.0e-3;
 
+/// A record that is shorter than a whole period by this share of it counts as whole: two clocks differ by parts per million.
+const PERIOD_SLACK: f64 = 2.0e-3;
+
+/// A record, and what was to flow while it was taken.
+pub(super) struct Drawn<'w> {
+    pub(super) waveforms: &'w [Waveform; 4],
+    /// Lowest frequency in it, Hz.
+    pub(super) freq_hz: f64,
+    /// Peak of the current, A.
+    pub(super) amplitude_a: f64,
+}
+
 impl Executor<'_> {
     /// Refuses a current whose crests could leave the voltage limits of the cell as it was at rest.
     pub(super) fn headroom(&self, fixture: Fixture, (freq_hz, peak_a): (f64, f64)) -> Result<(), ExecuteError> {
@@ -33,18 +45,32 @@ impl Executor<'_> {
 
     /// Trips where a record shows more current than the step asks for, or the cell beyond its limits, whatever the meters have averaged. Records that cannot be of a
     /// current, or of this cell, are refused before anything is concluded from them.
-    pub(super) async fn crest(&mut self, fixture: Fixture, (waveforms, amplitude_a): (&[Waveform; 4], f64)) -> Result<(), ExecuteError> {
+    pub(super) async fn crest(&mut self, fixture: Fixture, asked: &Drawn<'_>) -> Result<(), ExecuteError> {
+        let Drawn { waveforms, freq_hz, amplitude_a } = *asked;
         let [below, above, low, high] = waveforms;
-        let mean_a = mean(&difference(above, below)) / self.experiment.bench.wiring.shunt.r_ohm;
+        let current = difference(above, below);
+        let mean_a = mean(whole_periods(&current, below.interval_s * freq_hz)) / self.experiment.bench.wiring.shunt.r_ohm;
         let unsure_v: f64 = [below, above].iter().map(|waveform| self.offset_error_v(waveform)).sum();
         let greatest = 0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.experiment.bench.wiring.shunt.r_ohm;
         let time_s = self.clock.now_s();
-        if mean_a.abs() > greatest && !smooth(&difference(above, below)) {
-            return Err(self.no_record("of the current"));
+        let mut means = vec![("mean of the cell current in a record", mean_a, greatest)];
+        // What the channels' zeros are does not change from record to record on one scale, and the supply has shown that nothing flowed before the first.
+        let scales = [below, above].map(|waveform| waveform.preamble.volts_per_div);
+        match self.first_mean {
+            Some((first, first_a)) if first == scales => {
+                means.push((
+                    "change of the mean of the cell current from record to record",
+                    mean_a - first_a,
+                    0.1 * amplitude_a + NO_CURRENT_A,
+                ));
+            }
+            _ => self.first_mean = Some((scales, mean_a)),
         }
-        if mean_a.abs() > greatest {
-            let what = "mean of the cell current in a record";
-            let trip = Trip::Limit { what, value: mean_a, unit: "A", least: -greatest, greatest, time_s };
+        if let Some((what, value, greatest)) = means.into_iter().find(|(_, value, greatest)| value.abs() > *greatest) {
+            if !smooth(&current) {
+                return Err(self.no_record("of the current"));
+            }
+            let trip = Trip::Limit { what, value, unit: "A", least: -greatest, greatest, time_s };
             return Err(trip.because(self.cause().await).into());
         }
         if fixture != Fixture::Cell {
@@ -79,6 +105,13 @@ impl Executor<'_> {
     }
 }
 
+/// The samples of whole periods, of which one is so many.
+fn whole_periods(samples: &[f64], periods_per_sample: f64) -> &[f64] {
+    let periods = (samples.len() as f64 * periods_per_sample + PERIOD_SLACK).floor();
+    let count = (periods / periods_per_sample).round() as usize;
+    samples.get(..count).filter(|whole| !whole.is_empty()).unwrap_or(samples)
+}
+
 /// The difference of two channels, V.
 pub(super) fn difference(high: &Waveform, low: &Waveform) -> Vec<f64> {
     let volts = |waveform: &Waveform, code: i16| f64::from(code) * waveform.preamble.volts_per_code - waveform.preamble.offset_v;
@@ -100,6 +133,15 @@ fn smooth(samples: &[f64]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_mean_of_whole_periods_does_not_see_the_rest_of_the_record() {
+        let sine: Vec<f64> = (0..1000).map(|k| 0.3 + (std::f64::consts::TAU * 0.00267 * f64::from(k)).sin()).collect();
+        assert!((mean(&sine) - 0.3).abs() > 0.05);
+        assert!((mean(whole_periods(&sine, 0.00267)) - 0.3).abs() < 2.0e-3);
+        // Less than a period stays what it is, and a record that ends a sample early is a whole one.
+        assert_eq!((whole_periods(&sine, 1.0e-4).len(), whole_periods(&sine, 1.9999e-3).len()), (1000, 1000));
+    }
 
     #[test]
     fn a_signal_is_smooth_and_random_bytes_are_not() {

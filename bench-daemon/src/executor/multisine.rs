@@ -11,7 +11,7 @@ use instruments::{
     units::{Hertz, Seconds, Volts},
 };
 
-use super::{Beside, ExecuteError, Executor, SweepPoint, burst::MOST_LONGER, require};
+use super::{Beside, ExecuteError, Executor, SweepPoint, burst::MOST_LONGER, crest::Drawn, require};
 use crate::{
     plan::{Band, MAX_RANGING},
     quality::Measures,
@@ -74,7 +74,8 @@ impl Executor<'_> {
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
             let waveforms = self.settled_roll(band, (attempt, taken)).await?;
-            self.crest(Fixture::Cell, (&waveforms, band.peak_a)).await?;
+            let drawn = Drawn { waveforms: &waveforms, freq_hz: band.base_hz, amplitude_a: band.peak_a };
+            self.crest(Fixture::Cell, &drawn).await?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
             if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// With its command at zero the bipolar supply may drive this much, A: more is a zero error that wants trimming.
-const IDLE_CURRENT_A: f64 = 0.2;
+pub(super) const IDLE_CURRENT_A: f64 = 0.2;
 /// With every output off a control shows less than this, V: thermal voltages, and the zero error of a meter. Any cell shows more.
 const CONTROL_IDLE_V: f64 = 0.2;
 
@@ -22,6 +22,7 @@ impl Executor<'_> {
     pub(super) async fn power(&mut self, fixture: Fixture, step: &Step) -> Result<(), ExecuteError> {
         let Step::PowerUp { compliance_v, limit_a, .. } = *step else { return Ok(()) };
         self.powered_a = Some(limit_a);
+        self.first_mean = None;
         self.power_up(fixture, &supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) }).await
     }
 

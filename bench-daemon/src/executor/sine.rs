@@ -11,6 +11,7 @@ use instruments::{
 use super::{
     Beside, ExecuteError, Executor,
     burst::MOST_LONGER,
+    crest::Drawn,
     record::{Asked, Taken, analyse},
     require,
     watch::drawn,
@@ -118,7 +119,7 @@ impl Executor<'_> {
                 start_s: self.clock.now_s(),
             };
             self.recorder.capture(&file, &waveforms)?;
-            self.crest(fixture, (&waveforms, amplitude_a)).await?;
+            self.crest(fixture, &Drawn { waveforms: &waveforms, freq_hz, amplitude_a }).await?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
             if ranged.is_empty() || (attempt == MAX_RANGING && (!clipped || eis.quality.is_some())) {

@@ -71,6 +71,7 @@ impl Executor<'_> {
         let end_s = self.clock.now_s() + span_s;
         while self.clock.now_s() < end_s {
             self.clock.sleep_s(REST_POLL_S.min(end_s - self.clock.now_s())).await;
+            self.heed_within()?;
             self.glance("rest").await?;
         }
         Ok(())

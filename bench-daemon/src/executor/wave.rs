@@ -86,9 +86,17 @@ impl Executor<'_> {
         let mut shape: Vec<f64> = currents.iter().map(|amps| amps / peak_a).collect();
         shape.resize(steps, 0.0);
         generator.quiet(offset).await.map_err(&error)?;
-        generator.wave(&Wave::named("run", shape, Hertz(freq_hz), (amplitude, offset))).await.map_err(&error)?;
+        let wave = Wave::named("run", shape, Hertz(freq_hz), (amplitude, offset));
+        generator.wave(&wave).await.map_err(&error)?;
         self.no_burst();
+        let refused = self.burst.refused;
         self.begin_periods(freq_hz, 1.0).await?;
+        if self.burst.refused != refused {
+            // Meanwhile it has played on; it begins anew.
+            let generator = require(&mut self.bench.generator, "generator")?;
+            generator.quiet(offset).await.map_err(&error)?;
+            generator.wave(&wave).await.map_err(&error)?;
+        }
         Ok(1.0 / (freq_hz * steps as f64))
     }
 

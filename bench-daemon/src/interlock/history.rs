@@ -380,6 +380,11 @@ impl Interlock {
         self.over_period(&mean, |amps| amps * amps).map(f64::sqrt)
     }
 
+    /// A current may flow.
+    pub fn is_live(&self) -> bool {
+        self.allowance.live
+    }
+
     /// The temperature is to change.
     pub fn tempering(&self) -> bool {
         self.allowance.tempering

@@ -73,6 +73,7 @@ impl Step {
                 | Self::Rest { .. }
                 | Self::Leg(_)
                 | Self::Pause { .. }
+                | Self::Zero(_)
         )
     }
 

@@ -1,6 +1,6 @@
 //! Keysight (Agilent) 33500B: a command tree for each channel, an error queue that tells what was adjusted, an output load that changes every volt.
 
-use super::{Capabilities, Dialect, QUIET_VPP, Sine, Wave};
+use super::{Capabilities, DELAY_TOLERANCE_S, Dialect, PHASE_TOLERANCE_DEG, QUIET_VPP, Sine, Wave};
 use crate::{
     exchange::{Exchange, Expect, Identity},
     instrument::{Model, ms},
@@ -155,6 +155,9 @@ impl Dialect for Keysight {
             Exchange::word(format!("{source}:MODE TRIG"), format!("{source}:MODE?"), &["TRIG", "TRIGGERED"]),
             Exchange::word(format!("TRIG{channel}:SOUR BUS"), format!("TRIG{channel}:SOUR?"), &["BUS"]),
             number(format!("{source}:NCYC {periods}"), &format!("{source}:NCYC"), f64::from(periods), 0.5),
+            // A burst that begins elsewhere leaves another level behind it than the offset.
+            number(format!("{source}:PHAS 0"), &format!("{source}:PHAS"), 0.0, PHASE_TOLERANCE_DEG),
+            number(format!("TRIG{channel}:DEL 0"), &format!("TRIG{channel}:DEL"), 0.0, DELAY_TOLERANCE_S),
             Exchange::send(format!("{source}:STAT OFF")),
             state(true),
             Exchange::send(format!("TRIG{channel}")),

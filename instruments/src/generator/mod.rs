@@ -12,6 +12,10 @@ use crate::{
 
 /// The least sine of a model may be this much, V peak to peak: 20 mA of a supply of ±20 A at ±10 V, a fifth of what a meter may show where nothing flows.
 const QUIET_VPP: f64 = 0.02;
+/// A burst may begin so far from phase zero, degrees: behind it stays the level at which it began, here a thousandth of the amplitude.
+const PHASE_TOLERANCE_DEG: f64 = 0.05;
+/// A burst may begin so much later than its trigger, s: the least that models can is below a microsecond.
+const DELAY_TOLERANCE_S: f64 = 1.0e-3;
 
 /// A sine with an offset.
 #[derive(Debug, Clone, Copy, PartialEq)]

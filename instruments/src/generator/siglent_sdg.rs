@@ -1,7 +1,7 @@
 //! Siglent SDG1000X (and 2000X/6000X): one keyword-list command per channel, read back whole, silently clamped when out of range; no error queue
 //! to rely on (programming guide PG02-E05B).
 
-use super::{Capabilities, Dialect, QUIET_VPP, Sine, Wave};
+use super::{Capabilities, DELAY_TOLERANCE_S, Dialect, PHASE_TOLERANCE_DEG, QUIET_VPP, Sine, Wave};
 use crate::{
     exchange::{Exchange, Expect, Identity},
     instrument::{Model, ms},
@@ -117,11 +117,12 @@ impl Dialect for Sdg {
             contains("STATE,ON"),
             Expect::FieldWord("GATE_NCYC", "NCYC"),
             Expect::FieldWord("TRSR", "MAN"),
-            Expect::Fields(vec![("TIME", f64::from(periods), 0.5)]),
+            // A burst that begins elsewhere leaves another level behind it than the offset.
+            Expect::Fields(vec![("TIME", f64::from(periods), 0.5), ("STPS", 0.0, PHASE_TOLERANCE_DEG), ("DLAY", 0.0, DELAY_TOLERANCE_S)]),
         ]);
         vec![
             Exchange::send(format!("C{channel}:BTWV STATE,OFF")),
-            state(&format!("STATE,ON,GATE_NCYC,NCYC,TRSR,MAN,TIME,{periods}"), armed),
+            state(&format!("STATE,ON,GATE_NCYC,NCYC,TRSR,MAN,STPS,0,DLAY,0,TIME,{periods}"), armed),
             Exchange::send(format!("C{channel}:BTWV MTRIG")),
         ]
     }

@@ -60,6 +60,10 @@ struct Burst {
     /// What triggers one.
     source: &'static str,
     periods: u32,
+    /// Where in the period it begins, and what stays behind it, degrees.
+    start_deg: f64,
+    /// From its trigger to its beginning, s.
+    delay_s: f64,
     /// It was triggered since bursts were switched on.
     fired: bool,
 }
@@ -68,6 +72,10 @@ struct Burst {
 const SOURCES: [&str; 4] = ["IMMediate", "EXTernal", "TIMer", "BUS"];
 /// Fewest and most periods of a burst.
 const PERIODS: (f64, f64) = (1.0, 1e8);
+/// Least and greatest phase at which a burst begins, degrees.
+const PHASES_DEG: (f64, f64) = (-360.0, 360.0);
+/// Least and greatest delay of a burst, s.
+const DELAYS_S: (f64, f64) = (0.0, 1e3);
 
 impl Default for Channel {
     fn default() -> Self {
@@ -85,7 +93,7 @@ impl Default for Channel {
             load_ohm: SOURCE_OHM,
             inverted: false,
             since_s: 0.0,
-            burst: Burst { on: false, source: "IMMediate", periods: 1, fired: false },
+            burst: Burst { on: false, source: "IMMediate", periods: 1, start_deg: 0.0, delay_s: 0.0, fired: false },
         }
     }
 }
@@ -139,7 +147,7 @@ impl Channel {
             amplitude_v: self.amplitude_vpp / 2.0,
             freq_hz: self.played_hz(points),
             periods: self.burst.on.then_some(if self.burst.fired { self.burst.periods } else { 0 }),
-            phase_rad: self.phase_deg.to_radians() + turned,
+            phase_rad: if self.burst.on { self.burst.start_deg } else { self.phase_deg }.to_radians() + turned,
             since_s: self.since_s,
         }
     }
@@ -313,6 +321,22 @@ impl Keysight {
         Ok(())
     }
 
+    fn set_burst_phase(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
+        let (min, max) = PHASES_DEG;
+        let degrees = arguments.number_in("DEG", Span { min, max, default: 0.0 })?;
+        let start_deg = self.status.bounded(degrees, PHASES_DEG)?;
+        self.change(index, |channel| channel.burst.start_deg = start_deg);
+        Ok(())
+    }
+
+    fn set_trigger_delay(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
+        let (min, max) = DELAYS_S;
+        let seconds = arguments.number_in("S", Span { min, max, default: min })?;
+        let delay_s = self.status.bounded(seconds, DELAYS_S)?;
+        self.change(index, |channel| channel.burst.delay_s = delay_s);
+        Ok(())
+    }
+
     fn set_trigger_source(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let source = arguments.word(&SOURCES)?;
         self.change(index, |channel| channel.burst.source = source);
@@ -327,7 +351,7 @@ impl Keysight {
         if !channel.burst.on || plays {
             return fail(ErrorCode::TriggerIgnored);
         }
-        self.change(index, |channel| (channel.burst.fired, channel.since_s) = (true, now_s));
+        self.change(index, |channel| (channel.burst.fired, channel.since_s) = (true, now_s + channel.burst.delay_s));
         Ok(())
     }
 

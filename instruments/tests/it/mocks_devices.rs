@@ -190,13 +190,26 @@ fn the_generator_drives_the_world_and_restarts_its_phase_on_a_new_frequency() {
 
 #[test]
 fn a_generator_plays_as_many_periods_as_it_was_told_and_waits_for_its_trigger() {
-    for (model, set, count, fire) in [
-        ("siglent-sdg1000x", "C1:BSWV WVTP,SINE,FRQ,10,AMP,2", "C1:BTWV STATE,ON,GATE_NCYC,NCYC,TRSR,MAN,TIME,30", "C1:BTWV MTRIG"),
-        ("keysight-33500b", "SOUR1:FREQ 10", "TRIG1:SOUR BUS;:SOUR1:BURS:MODE TRIG;NCYC 30;STAT ON", "TRIG1"),
+    for (model, set, count, fire, elsewhere) in [
+        (
+            "siglent-sdg1000x",
+            "C1:BSWV WVTP,SINE,FRQ,10,AMP,2",
+            "C1:BTWV STATE,ON,GATE_NCYC,NCYC,TRSR,MAN,TIME,30",
+            "C1:BTWV MTRIG",
+            "C1:BTWV STPS,90,DLAY,0.25",
+        ),
+        (
+            "keysight-33500b",
+            "SOUR1:FREQ 10",
+            "TRIG1:SOUR BUS;:SOUR1:BURS:MODE TRIG;NCYC 30;STAT ON",
+            "TRIG1",
+            "SOUR1:BURS:PHAS 90;:TRIG1:DEL 0.25",
+        ),
     ] {
         let mut bench = Bench::new(model);
         let periods = |bench: &Bench| match bench.last_action() {
-            Action::Generator(state) => (state.periods, state.since_s),
+            // An SDG begins a quarter of a microsecond after its trigger.
+            Action::Generator(state) => (state.periods, (1.0e6 * state.since_s).round() / 1.0e6),
             other => panic!("{other:?}"),
         };
         bench.send(&[set, if model.starts_with("siglent") { "C1:OUTP ON" } else { "OUTP1 ON" }]);
@@ -214,6 +227,13 @@ fn a_generator_plays_as_many_periods_as_it_was_told_and_waits_for_its_trigger() 
         bench.now_s = 6.1;
         bench.send(&[fire]);
         assert_eq!(periods(&bench), (Some(30), 6.1), "{model}");
+        // It may begin elsewhere in its period, and later.
+        bench.send(&[elsewhere]);
+        bench.now_s = 9.5;
+        bench.send(&[fire]);
+        assert_eq!(periods(&bench), (Some(30), 9.75), "{model}");
+        let Action::Generator(state) = bench.last_action() else { panic!("{model}") };
+        assert!((state.phase_rad - std::f64::consts::FRAC_PI_2).abs() < 1.0e-12, "{model}: {}", state.phase_rad);
     }
 }
 

@@ -93,6 +93,10 @@ macro_rules! source {
                 Leaf! {b"NCYCles" => &both(
                     |device: &mut Keysight, arguments| device.set_burst_periods($index, arguments),
                     |device, _| number(f64::from(device.channels[$index].burst.periods)),
+                )},
+                Leaf! {b"PHASe" => &both(
+                    |device: &mut Keysight, arguments| device.set_burst_phase($index, arguments),
+                    |device, _| number(device.channels[$index].burst.start_deg),
                 )}
             },
             modifier! {b"SWEep"},
@@ -108,6 +112,10 @@ macro_rules! trigger {
             Leaf! {b"SOURce" => &both(
                 |device: &mut Keysight, arguments| device.set_trigger_source($index, arguments),
                 |device, _| text(device.channels[$index].burst.source.trim_end_matches(char::is_lowercase)),
+            )},
+            Leaf! {b"DELay" => &both(
+                |device: &mut Keysight, arguments| device.set_trigger_delay($index, arguments),
+                |device, _| number(device.channels[$index].burst.delay_s),
             )}
         }
     };

@@ -60,6 +60,10 @@ pub(super) struct Burst {
     gated: bool,
     source: &'static str,
     periods: u32,
+    /// Where in the period it begins, and what stays behind it, degrees.
+    start_deg: f64,
+    /// From its trigger to its beginning, s.
+    delay_s: f64,
     /// It was triggered since bursts were switched on.
     fired: bool,
 }
@@ -68,9 +72,11 @@ pub(super) struct Burst {
 const SOURCES: [&str; 3] = ["INT", "EXT", "MAN"];
 /// Most periods of a burst.
 const MOST_PERIODS: f64 = 1e6;
+/// Least and greatest delay of a burst, s.
+const DELAYS_S: (f64, f64) = (2.4e-7, 1e3);
 
 impl Burst {
-    const OFF: Self = Self { on: false, gated: false, source: "INT", periods: 1, fired: false };
+    const OFF: Self = Self { on: false, gated: false, source: "INT", periods: 1, start_deg: 0.0, delay_s: DELAYS_S.0, fired: false };
 
     /// Takes one key and value; what it does not understand it ignores.
     fn set(&mut self, key: &str, value: &Argument) {
@@ -88,6 +94,10 @@ impl Burst {
                     self.periods = periods.clamp(1.0, MOST_PERIODS) as u32;
                 }
             }
+            ("STPS", value) => self.start_deg = to_number(value, "DEG").map_or(self.start_deg, |degrees| degrees.rem_euclid(360.0)),
+            ("DLAY", value) => {
+                self.delay_s = to_number(value, "S").map_or(self.delay_s, |seconds| seconds.clamp(DELAYS_S.0, DELAYS_S.1));
+            }
             _ => {}
         }
     }
@@ -98,9 +108,11 @@ impl Burst {
         }
         let mode = if self.gated { "GATE" } else { "NCYC" };
         format!(
-            "STATE,ON,PRD,0.01S,STPS,0,TRSR,{},TRMD,OFF,TIME,{},DLAY,2.4e-07S,GATE_NCYC,{mode},CARR,{}",
+            "STATE,ON,PRD,0.01S,STPS,{},TRSR,{},TRMD,OFF,TIME,{},DLAY,{}S,GATE_NCYC,{mode},CARR,{}",
+            general(self.start_deg, 6),
             self.source,
             self.periods,
+            general(self.delay_s, 6),
             channel.describe(manner)
         )
     }
@@ -266,13 +278,13 @@ impl Channel {
         }
     }
 
-    /// Takes `STATE,x`, `GATE_NCYC,x`, `TRSR,x` and `TIME,n` in any number and order, and `MTRIG`, which starts a burst now.
+    /// Takes `STATE,x`, `GATE_NCYC,x`, `TRSR,x`, `STPS,x`, `DLAY,x` and `TIME,n` in any number and order, and `MTRIG`, which starts a burst now.
     pub(super) fn set_burst(&mut self, arguments: &mut Arguments, now_s: f64) {
         while let Some(Argument::Word(key)) = arguments.next() {
             if key.eq_ignore_ascii_case("MTRIG") {
                 // Nobody triggers what waits for a signal, and a burst in work is not begun anew.
                 if self.burst.on && self.burst.source == "MAN" && !self.plays(now_s) {
-                    (self.burst.fired, self.since_s) = (true, now_s);
+                    (self.burst.fired, self.since_s) = (true, now_s + self.burst.delay_s);
                 }
             } else if let Some(value) = arguments.next() {
                 self.burst.set(&key, &value);
@@ -304,7 +316,8 @@ impl Channel {
             offset_v,
             amplitude_v: self.amplitude_vpp / 2.0,
             freq_hz: self.freq_hz,
-            phase_rad: self.phase_deg.to_radians() + if self.inverted { std::f64::consts::PI } else { 0.0 },
+            phase_rad: if self.burst.on { self.burst.start_deg } else { self.phase_deg }.to_radians()
+                + if self.inverted { std::f64::consts::PI } else { 0.0 },
             since_s: self.since_s,
             periods: self.burst.on.then_some(if self.burst.fired { self.burst.periods } else { 0 }),
         }
