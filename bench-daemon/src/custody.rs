@@ -3,6 +3,8 @@
 
 mod aftermath;
 
+pub(crate) use aftermath::settle_verified;
+
 use std::path::Path;
 
 use instruments::clock::Clock;

@@ -27,6 +27,8 @@ pub struct Output {
     pub trouble: Option<String>,
 }
 
+/// What a generator is left at where the supply that it commands is not known to be off.
+pub(super) const LEAST_SINE: &str = "its least sine";
 /// The roles that have a meter of their own current.
 pub(super) const METERED: [&str; 3] = ["supply4q", "load", "supply"];
 
@@ -35,6 +37,11 @@ impl Output {
     pub fn verified(&self) -> bool {
         let metered = METERED.contains(&self.role.as_str());
         self.off && self.trouble.is_none() && (!metered || self.amps.is_some_and(|amps| amps.abs() <= NO_CURRENT_A))
+    }
+
+    /// It was left on, for its offset holds the supply's zero error at no current: nobody tried to switch it off.
+    fn holds(&self) -> bool {
+        self.role == "generator" && self.by.is_some() && self.trouble.is_none()
     }
 
     /// Why it is not verified, and what to do: one clause of the sentence.
@@ -88,7 +95,11 @@ impl Output {
             (Some(volts), Some(amps)) => format!("; {volts:.4} V, {amps:.4} A"),
             _ => String::new(),
         };
-        let state = if self.verified() { "off, read back" } else { "NOT VERIFIED" };
+        let state = match &self.by {
+            _ if self.verified() => "off, read back".to_owned(),
+            Some(by) if self.holds() => format!("left on at {by}: the supply that it commands is not known to be off"),
+            _ => "NOT VERIFIED".to_owned(),
+        };
         let trouble = self.trouble.as_ref().map_or_else(String::new, |trouble| format!("; {trouble}"));
         format!("{:<10} {:<20} {state}{meter}{trouble}", self.role, self.model)
     }
@@ -111,7 +122,9 @@ impl SafeReport {
     /// What follows from the outputs.
     pub(super) fn of(bench: &str, outputs: Vec<Output>) -> Self {
         let drive_off = outputs.iter().filter(|output| output.role == "supply4q").all(Output::verified);
-        let mut wrong: Vec<&Output> = outputs.iter().filter(|output| !output.verified()).collect();
+        let verified = outputs.iter().all(Output::verified);
+        // A generator that holds the supply's command at zero is no danger of its own.
+        let mut wrong: Vec<&Output> = outputs.iter().filter(|output| !output.verified() && !output.holds()).collect();
         // The greatest current first, then what is not known.
         wrong.sort_by(|one, other| weight(other).total_cmp(&weight(one)));
         let silent = |output: &&Output| output.amps.is_none() && !output.off;
@@ -127,7 +140,7 @@ impl SafeReport {
         } else {
             wrong.iter().map(|output| output.clause(drive_off)).collect::<Vec<_>>().join("; ")
         };
-        Self { bench: bench.to_owned(), verified: wrong.is_empty(), message, outputs }
+        Self { bench: bench.to_owned(), verified, message, outputs }
     }
 
     /// The message as an error where something is not verified.
@@ -179,6 +192,18 @@ mod tests {
         let words = "the charger (m) does not say that it is off; its own meter shows 0.00 A since it was given its current at 0: UNPLUG THE CHARGER FROM \
                      THE CELL";
         assert_eq!(SafeReport::of("demo", vec![zeroed]).message, words);
+    }
+
+    #[test]
+    fn a_generator_that_was_left_at_its_least_sine_is_told_as_that() {
+        let held = Output { by: Some(LEAST_SINE.to_owned()), ..output("generator", false, None) };
+        let report = SafeReport::of("demo", vec![output("supply4q", false, Some(2.0)), held.clone()]);
+        let words = "2.00 A still flow through the bipolar supply (m) by its own meter: UNPLUG THE BIPOLAR SUPPLY FROM THE CELL";
+        assert_eq!((report.verified, report.message.as_str()), (false, words));
+        assert_eq!(
+            held.line().trim_end(),
+            "generator  m                    left on at its least sine: the supply that it commands is not known to be off"
+        );
     }
 
     #[test]

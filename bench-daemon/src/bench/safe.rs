@@ -18,7 +18,7 @@ use instruments::{
 
 use super::{
     Bench, BenchError,
-    output::{Output, SafeReport, Unsafe},
+    output::{LEAST_SINE, Output, SafeReport, Unsafe},
     wrap,
 };
 use crate::interlock::NO_CURRENT_A;
@@ -128,7 +128,7 @@ impl Bench {
     /// The first that could not be read back as off.
     pub async fn drive_off(&mut self) -> Result<(), BenchError> {
         let offset = Volts(self.command_offset_v);
-        let ((supply4q, _), generator) = off(&mut self.generator, &mut self.supply4q, (&self.clock, offset)).await;
+        let ((supply4q, _), generator, _) = off(&mut self.generator, &mut self.supply4q, (&self.clock, offset)).await;
         supply4q.map_err(|source| wrap("supply4q", self.model("supply4q"), source))?;
         generator.map_err(|source| wrap("generator", self.model("generator"), source))
     }
@@ -155,7 +155,7 @@ impl Bench {
         let clock = self.clock.clone();
         let driven = off(&mut self.generator, &mut self.supply4q, (&clock, offset));
         let bath = self.chiller.as_mut().filter(|chiller| chiller.is_regulated());
-        let ((supply4q, generator), load, supply, relays) =
+        let ((supply4q, generator, held), load, supply, relays) =
             tokio::join!(driven, end(&mut self.load, &clock), end(&mut self.supply, &clock), open_relays(bath));
         let (supply4q, load, supply) = tokio::join!(
             found(&mut self.supply4q, supply4q, &clock),
@@ -163,9 +163,13 @@ impl Bench {
             found(&mut self.supply, supply, &clock)
         );
         let plain = |ended: Result<(), LinkError>| Output { off: ended.is_ok(), trouble: told(ended), ..Output::default() };
+        let commands = |ended| match held {
+            true => Output { by: Some(LEAST_SINE.to_owned()), ..Output::default() },
+            false => plain(ended),
+        };
         let outputs = [
             ("supply4q", supply4q),
-            ("generator", self.generator.is_some().then(|| plain(generator))),
+            ("generator", self.generator.is_some().then(|| commands(generator))),
             ("load", load),
             ("supply", supply),
             ("chiller", relays.map(plain)),
@@ -268,12 +272,12 @@ async fn open_relays(bath: Option<&mut Chiller>) -> Option<Result<(), LinkError>
 }
 
 /// The one order in which the bipolar supply and its command go off: the least sine, the supply with its output open, the generator. What becomes of supply and
-/// generator.
+/// generator, and whether the generator was left at its least sine, because the supply is not known to be off.
 async fn off(
     generator: &mut Option<Generator>,
     supply4q: &mut Option<Supply4q>,
     (clock, offset): (&Clock, Volts),
-) -> (Ended, Result<(), LinkError>) {
+) -> (Ended, Result<(), LinkError>, bool) {
     let quiet = match generator.as_mut() {
         // Not worth waiting for long: what drives the cell is the supply.
         Some(generator) => {
@@ -286,14 +290,15 @@ async fn off(
         None => true,
     };
     let supply = end(supply4q, clock).await;
-    let generator = match generator.as_mut() {
+    match generator.as_mut() {
         Some(generator) if supply.0.is_ok() || !quiet => {
             fresh(generator).await;
-            generator.safe().await
+            let ended = generator.safe().await;
+            (supply, ended, false)
         }
-        _ => Ok(()),
-    };
-    (supply, generator)
+        Some(_) => (supply, Ok(()), true),
+        None => (supply, Ok(()), false),
+    }
 }
 
 /// A new connection where the old one was dropped. When that fails, so does what is tried next, and says why.

@@ -7,7 +7,7 @@ use analysis::diagnosis::report;
 use super::{Failure, files};
 use crate::{
     config::load_experiment,
-    investigation::{Budget, Investigation, Means, investigate as play},
+    investigation::{Budget, End, Investigation, Means, investigate as play},
     operator::Operator,
     terminal::{remark, say},
 };
@@ -43,7 +43,8 @@ pub struct InvestigateArgs {
 /// Plays the investigation and prints how it ends.
 ///
 /// # Errors
-/// A file or an argument that is not as expected, a budget that nobody confirms, before anything is energised; later whatever ends a run.
+/// A file or an argument that is not as expected, a budget that nobody confirms, before anything is energised; later whatever ends a run; in the end data that cannot
+/// be diagnosed, and points that the quality gate has refused.
 pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
     let mut experiment = load_experiment(&args.experiment, None)?;
     experiment.seed = args.seed.unwrap_or(experiment.seed);
@@ -58,11 +59,15 @@ pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
     let investigation = play(&experiment, &Means { out: &out, ocv, budget })?;
     if args.json {
         say!("{}", serde_json::to_string_pretty(&investigation).map_err(|error| Failure::Analysis(error.to_string()))?);
-        return Ok(());
+    } else {
+        print(&investigation);
+        say!("written to {}", out.display());
     }
-    print(&investigation);
-    say!("written to {}", out.display());
-    Ok(())
+    match (investigation.end, investigation.refused_points) {
+        (End::Invalid, _) => Err(Failure::Invalid(investigation.diagnosis.summary)),
+        (_, 0) => Ok(()),
+        (_, count) => Err(Failure::Refused { count }),
+    }
 }
 
 /// The budget, confirmed once.

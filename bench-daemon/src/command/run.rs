@@ -11,7 +11,7 @@ mod multisine;
 mod past;
 mod persevere;
 mod play;
-mod results;
+pub(crate) mod results;
 mod session;
 mod stop;
 mod sweeping;
@@ -79,6 +79,12 @@ impl Measured {
         (1..).zip(self.spectra()).map(name).collect()
     }
 
+    /// Points that the quality gate has refused to the end.
+    pub fn refused(&self) -> usize {
+        let sweeps = self.points.iter().flatten().filter(|point| !point.failing.is_empty()).count();
+        sweeps + self.multisines.iter().map(|run| run.flagged.len()).sum::<usize>()
+    }
+
     /// What the first of them is called, where there are others.
     pub(super) fn first_of_several(&self) -> Option<String> {
         self.names().into_iter().next().filter(|_| !self.repeats.is_empty())
@@ -120,8 +126,7 @@ impl Finished {
     /// # Errors
     /// [`Failure::Refused`].
     pub fn gated(&self) -> Result<(), Failure> {
-        let sweeps = results::refused_points(&self.measured).len();
-        let count = sweeps + self.measured.multisines.iter().map(|run| run.flagged.len()).sum::<usize>();
+        let count = self.measured.refused();
         if count == 0 { Ok(()) } else { Err(Failure::Refused { count }) }
     }
 }

@@ -13,6 +13,7 @@ use crate::{
     bench::{Bench, Connections, SafeReport},
     command::Failure,
     config::{self, load_any_bench},
+    custody::settle_verified,
     state::{Holder, Latched, State},
     terminal::{remark, say},
 };
@@ -74,7 +75,7 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
             }
         })?;
         if gone {
-            return Ok(());
+            return Ok(state.map_or(Ok(()), settle_verified)?);
         }
         if ended(state, &clock, ENDS_S.1).await {
             guarded(state, &clock).await;

@@ -33,6 +33,20 @@ impl Default for Burst {
     }
 }
 
+impl Burst {
+    /// Refuses a reading of a current after the signal must have ended.
+    ///
+    /// # Errors
+    /// [`ExecuteError::Disobeyed`].
+    pub(super) fn over(&self, reading: &Reading) -> Result<(), ExecuteError> {
+        let Some(amps) = reading.current_a.filter(|amps| reading.time_s > self.ended_s && amps.abs() > IDLE_CURRENT_A) else {
+            return Ok(());
+        };
+        let expected = format!("its burst to have ended {:.1} s ago", reading.time_s - self.ended_s);
+        Err(ExecuteError::Disobeyed { what: "generator".to_owned(), expected, met: format!("{amps:.3} A") })
+    }
+}
+
 impl Executor<'_> {
     /// Begins what the generator was set to, for whole periods that last `needed_s` and the leeway, where it can.
     pub(super) async fn begin_signal(&mut self, freq_hz: f64, needed_s: f64) -> Result<(), ExecuteError> {
@@ -82,18 +96,6 @@ impl Executor<'_> {
         (self.burst.on, self.burst.ends_s, self.burst.ended_s) = (false, f64::INFINITY, f64::INFINITY);
     }
 
-    /// Refuses a reading of a current after the signal must have ended.
-    pub(super) fn ended(&self, reading: &Reading) -> Result<(), ExecuteError> {
-        let Some(amps) = reading.current_a.filter(|amps| reading.time_s > self.burst.ended_s && amps.abs() > IDLE_CURRENT_A) else {
-            return Ok(());
-        };
-        Err(ExecuteError::Disobeyed {
-            what: "generator".to_owned(),
-            expected: format!("its burst to have ended {:.1} s ago", reading.time_s - self.burst.ended_s),
-            met: format!("{amps:.3} A"),
-        })
-    }
-
     /// Whether a record that ends at `end_s` would miss a part of the signal; the next one is made longer then.
     pub(super) fn falls_short(&mut self, end_s: f64) -> bool {
         let short = end_s > self.burst.ends_s;
@@ -101,5 +103,25 @@ impl Executor<'_> {
             self.burst.leeway_s *= LONGER;
         }
         short
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_current_behind_the_end_of_a_burst_is_an_error_and_before_it_is_none() {
+        let burst = Burst { ends_s: 100.0, ended_s: 101.0, on: true, ..Burst::default() };
+        let read = |burst: &Burst, time_s, amps| {
+            burst.over(&Reading { time_s, current_a: amps, ..Reading::default() }).map_err(|error| error.to_string())
+        };
+        for (time_s, amps) in [(100.5, Some(1.0)), (103.5, Some(-0.15)), (103.5, None)] {
+            assert_eq!(read(&burst, time_s, amps), Ok(()));
+        }
+        let text = "generator: expected its burst to have ended 2.5 s ago, measured -0.500 A";
+        assert_eq!(read(&burst, 103.5, Some(-0.5)), Err(text.to_owned()));
+        // What has no end is not over.
+        assert_eq!(read(&Burst::default(), 103.5, Some(1.0)), Ok(()));
     }
 }

@@ -53,20 +53,12 @@ impl Executor<'_> {
         let unsure_v: f64 = [below, above].iter().map(|waveform| self.offset_error_v(waveform)).sum();
         let greatest = 0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.experiment.bench.wiring.shunt.r_ohm;
         let time_s = self.clock.now_s();
-        let mut means = vec![("mean of the cell current in a record", mean_a, greatest)];
-        // What the channels' zeros are does not change from record to record on one scale, and the supply has shown that nothing flowed before the first.
         let scales = [below, above].map(|waveform| waveform.preamble.volts_per_div);
-        match self.first_mean {
-            Some((first, first_a)) if first == scales => {
-                means.push((
-                    "change of the mean of the cell current from record to record",
-                    mean_a - first_a,
-                    0.1 * amplitude_a + NO_CURRENT_A,
-                ));
-            }
-            _ => self.first_mean = Some((scales, mean_a)),
+        let first_a = self.first_mean.filter(|(first, _)| *first == scales).map(|(_, first_a)| first_a);
+        if first_a.is_none() {
+            self.first_mean = Some((scales, mean_a));
         }
-        if let Some((what, value, greatest)) = means.into_iter().find(|(_, value, greatest)| value.abs() > *greatest) {
+        if let Some((what, value, greatest)) = direct((mean_a, greatest), (first_a, amplitude_a)) {
             if !smooth(&current) {
                 return Err(self.no_record("of the current"));
             }
@@ -105,6 +97,17 @@ impl Executor<'_> {
     }
 }
 
+/// What is wrong with the mean of a record, and by how much it may be off, A; and with its change since the first record on the same scales. The zeros of the channels
+/// do not change from record to record, and the supply has shown that nothing flowed before the first.
+fn direct((mean_a, greatest): (f64, f64), (first_a, amplitude_a): (Option<f64>, f64)) -> Option<(&'static str, f64, f64)> {
+    let change = first_a.map(|first_a| {
+        let greatest = 0.1 * amplitude_a + NO_CURRENT_A;
+        ("change of the mean of the cell current from record to record", mean_a - first_a, greatest)
+    });
+    let whole = ("mean of the cell current in a record", mean_a, greatest);
+    std::iter::once(whole).chain(change).find(|(_, value, greatest)| value.abs() > *greatest)
+}
+
 /// The samples of whole periods, of which one is so many.
 fn whole_periods(samples: &[f64], periods_per_sample: f64) -> &[f64] {
     let periods = (samples.len() as f64 * periods_per_sample + PERIOD_SLACK).floor();
@@ -141,6 +144,15 @@ mod tests {
         assert!((mean(whole_periods(&sine, 0.00267)) - 0.3).abs() < 2.0e-3);
         // Less than a period stays what it is, and a record that ends a sample early is a whole one.
         assert_eq!((whole_periods(&sine, 1.0e-4).len(), whole_periods(&sine, 1.9999e-3).len()), (1000, 1000));
+    }
+
+    #[test]
+    fn a_direct_current_shows_in_the_mean_and_earlier_in_its_change() {
+        let what = |mean_a, first_a| direct((mean_a, 0.7), (first_a, 1.0)).map(|(what, ..)| what.split(' ').next().unwrap_or_default());
+        // The channels' own zeros may be half an ampere.
+        assert_eq!([what(0.5, None), what(0.5, Some(0.45)), what(-0.5, Some(-0.31))], [None, None, None]);
+        assert_eq!([what(0.71, None), what(-0.71, Some(-0.7))], [Some("mean"), Some("mean")]);
+        assert_eq!([what(0.5, Some(0.25)), what(-0.1, Some(0.15))], [Some("change"), Some("change")]);
     }
 
     #[test]

@@ -120,7 +120,7 @@ impl Executor<'_> {
             reading.temperature_c = reading.temperature_c.filter(|celsius| celsius.is_finite());
         }
         self.interlock.silent(self.clock.now_s() >= self.burst.ends_s);
-        self.ended(&reading)?;
+        self.burst.over(&reading)?;
         // An answer that is late is of another moment of the period.
         if self.interlock.allowed_mean().is_some_and(|mean| self.read_s > UNSURE * mean.period_s) {
             self.interlock.lose_period();

@@ -25,7 +25,10 @@ use serde::Serialize;
 use crate::{
     command::{
         Failure,
-        run::{Measured, Session},
+        run::{
+            Measured, Session,
+            results::{leave_out, refused_points},
+        },
     },
     config::Experiment,
     dataset::{Loaded, read_dataset, write_dataset},
@@ -126,6 +129,8 @@ pub struct Investigation {
     pub end: End,
     /// The end in words.
     pub end_text: String,
+    /// Points that the quality gate has refused to the end, of all runs.
+    pub refused_points: usize,
     /// The last diagnosis.
     pub diagnosis: Diagnosis,
 }
@@ -139,8 +144,15 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
     let first = means.out.join("campaign");
     let measured = session.run(experiment, &first)?.measured;
     let model = base_model(experiment, &measured, means)?;
-    let mut desk =
-        Desk { experiment, means, session, model, loaded: read_dataset(&first)?, spent: Budget { minutes: 0.0, charge_ah: 0.0 } };
+    let mut desk = Desk {
+        experiment,
+        means,
+        session,
+        model,
+        loaded: read_dataset(&first)?,
+        spent: Budget { minutes: 0.0, charge_ah: 0.0 },
+        refused: measured.refused(),
+    };
     let (mut outcome, mut asked) = desk.diagnose(&[])?;
     let mut steps = vec![step(&first, None, &outcome.diagnosis)];
     let (end, end_text) = loop {
@@ -162,6 +174,7 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
         steps,
         end,
         end_text,
+        refused_points: desk.refused,
         diagnosis: outcome.diagnosis,
     };
     page::write(means.out, &investigation)?;
@@ -175,6 +188,8 @@ struct Desk<'a> {
     model: BaseModel,
     loaded: Loaded,
     spent: Budget,
+    /// Points that the quality gate has refused so far.
+    refused: usize,
 }
 
 /// What became of the runs of the menu.
@@ -268,7 +283,7 @@ impl Desk<'_> {
     /// Plays an experiment and joins what it measured; returns the minutes that it took.
     fn buy(&mut self, experiment: &Experiment, (next, runs): (&NextExperiment, &[PlannedRun]), folder: &Path) -> Result<f64, Failure> {
         let start_s = self.session.now_s();
-        self.session.run(experiment, folder)?;
+        self.refused += self.session.run(experiment, folder)?.measured.refused();
         let minutes = (self.session.now_s() - start_s) / 60.0;
         self.spent.minutes += minutes;
         self.spent.charge_ah += next.charge_ah;
@@ -291,7 +306,13 @@ fn step(folder: &Path, bought: Option<Bought>, diagnosis: &Diagnosis) -> Step {
 /// The ERM of the campaign's sweeps, of the order that they bear, with the curve that the user states.
 fn base_model(experiment: &Experiment, measured: &Measured, means: &Means<'_>) -> Result<BaseModel, Failure> {
     let refused = |error: &dyn std::fmt::Display| Failure::Analysis(format!("no model: {error}"));
-    let sweeps: Vec<Spectrum> = std::iter::once(&measured.spectrum).chain(&measured.repeats).cloned().collect();
+    let mut sweeps: Vec<Spectrum> = std::iter::once(&measured.spectrum).chain(&measured.repeats).cloned().collect();
+    let gated = refused_points(measured, experiment);
+    leave_out(&mut sweeps, &gated);
+    sweeps.retain(|sweep| !sweep.points.is_empty());
+    if sweeps.is_empty() {
+        return Err(Failure::Refused { count: gated.len() });
+    }
     let (seed, bounds) = (experiment.seed, Bounds::for_spectra(&sweeps));
     let rc = match experiment.fit.rc.as_slice() {
         [rc] => *rc,
@@ -307,6 +328,7 @@ fn base_model(experiment: &Experiment, measured: &Measured, means: &Means<'_>) -
     let erm = fit.erm.clone();
     let mut file = ModelFile::new(&experiment.cell.name, fit, sweeps.iter().map(|sweep| sweep.name.clone()).collect(), None);
     file.ocv = Some(means.ocv.clone());
+    file.refused = gated;
     let path: PathBuf = means.out.join("model.json");
     let text = file.to_json().map_err(|error| refused(&error))?;
     analysis::dataset::write_atomically(&path, text.as_bytes()).map_err(|error| refused(&error))?;

@@ -109,7 +109,9 @@ impl Audit {
         open.0.sync_data()?;
         (open.1.lines, open.1.chain) = (open.1.lines + 1, deed.chain);
         let head = serde_json::to_string(&open.1)?;
-        write_atomically(&self.path.with_file_name(HEAD), head.as_bytes()).map_err(std::io::Error::other)
+        let path = self.path.with_file_name(HEAD);
+        write_atomically(&path, head.as_bytes()).map_err(std::io::Error::other)?;
+        private(&path, 0o640)
     }
 
     /// The latest deeds, the latest last.

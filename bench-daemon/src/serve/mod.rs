@@ -35,6 +35,7 @@ use std::{
 };
 
 use instruments::clock::{self, Clock, TimeMode};
+use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
 pub use settings::plain;
 
@@ -168,6 +169,10 @@ pub fn serve(settings: Settings) -> Result<(), Failure> {
             "{}: expected a data folder of its own, found one that another server uses",
             settings.data.display()
         )));
+    }
+    // A connection is a file. Where the system grants more than it gives by itself, they are taken; where it does not, the longest silent go.
+    if let Err(error) = getrlimit(Resource::RLIMIT_NOFILE).and_then(|(_, most)| setrlimit(Resource::RLIMIT_NOFILE, most, most)) {
+        tracing::warn!("the limit of open files stays as it is: {error}");
     }
     // Requests, and the stop among them, do not wait for one that computes.
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;

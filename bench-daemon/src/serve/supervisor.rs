@@ -22,6 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Server,
+    audit::private,
     jobs::{self, Ended, Job},
     live::{self, BenchState, InstrumentNow, Live},
     locks,
@@ -377,6 +378,7 @@ fn command(server: &Server, item: &Item, bench: &config::Bench) -> Result<Comman
     let path = data.join("logs").join(format!("{}.log", item.run));
     let mut log =
         File::options().create(true).append(true).mode(0o640).open(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+    private(&path, 0o640).map_err(|error| error.to_string())?;
     let mut command = Command::new(&server.program);
     match item.kind {
         Kind::Run => {

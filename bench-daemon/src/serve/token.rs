@@ -96,7 +96,7 @@ pub struct Tokens {
 }
 
 /// Which file it was: inode, length and time of its last change.
-type Stamp = (u64, u64, i64, i64);
+type Stamp = (u64, u32, u64, i64, i64);
 
 impl Tokens {
     /// Those of a data folder.
@@ -110,7 +110,7 @@ impl Tokens {
     /// A file that cannot be read or understood: then nobody is let in.
     pub fn all(&self) -> Result<Vec<Token>, TokenError> {
         let stamp = match fs::metadata(&self.path) {
-            Ok(meta) => Some((meta.ino(), meta.len(), meta.mtime(), meta.mtime_nsec())),
+            Ok(meta) => Some((meta.ino(), meta.mode(), meta.len(), meta.mtime(), meta.mtime_nsec())),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
             Err(error) => return Err(self.error("cannot be read", &error)),
         };

@@ -65,6 +65,30 @@ fn where_both_processes_died_under_current_the_next_start_says_what_it_finds_swi
 }
 
 #[test]
+fn who_switches_off_after_both_died_settles_what_they_left_and_somebody_has_to_look() {
+    let files = Files::short(6);
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let run = files.path("killed");
+    let mut child = start(&files, &run, &[]);
+    wait_for_points(&mut child, &run, ("spectrum.csv", 2));
+    kill_both(&files, &mut child);
+    let safe = program(&["safe".as_ref(), files.path(BENCH).as_os_str()]);
+    safe.expect_code(0);
+    let words = "and so did its guardian: nobody has switched off after it; now every output is off and read back: a current that nobody watched may have flowed";
+    assert!(safe.stderr.contains(words), "{}", safe.stderr);
+    ports.assert_outputs_off();
+    assert!(!state(&files, "open.json").exists());
+    let trip = fs::read_to_string(state(&files, "trip.json")).unwrap();
+    assert!(trip.contains(words), "{trip}");
+    files.run("again").expect_code(7);
+    // A bench that nobody left open is switched off without a word.
+    clear(&files);
+    let again = program(&["safe".as_ref(), files.path(BENCH).as_os_str()]);
+    again.expect_code(0);
+    assert!(!state(&files, "trip.json").exists(), "{}", again.stderr);
+}
+
+#[test]
 fn where_both_processes_died_while_nothing_was_on_it_is_said_and_nobody_has_to_look() {
     let files = Files::short(6).without(EXPERIMENT, "fixture_check");
     let ports = Ports::serve(&files, FACTOR, 1);

@@ -124,3 +124,13 @@ fn two_voltmeters_of_a_cell_that_differ_are_both_named() {
     assert!(lived.ended.contains("cell voltage: charger's terminals ") && lived.ended.contains(" V, voltmeter 3."), "{}", lived.ended);
     assert_eq!((lived.code, lived.left_a, lived.witness.abuse.len()), (3, 0.0, 0), "{}", lived.ended);
 }
+
+#[test]
+fn a_direct_current_that_comes_up_in_a_fast_sweep_ends_it_soon() {
+    let files = Files::short(60).without(EXPERIMENT, "fixture_check");
+    let lived = live(&files, ("offset_drift", "supply4q", "10 s"));
+    assert!(lived.ended.starts_with("interlock: cell current "), "{}", lived.ended);
+    assert_eq!((lived.code, lived.left_a), (3, 0.0), "{}", lived.ended);
+    // A fiftieth of an ampere a second: 0.2 A are there after 10 s.
+    assert!(lived.over_s - lived.happened_s < 14.0, "{} s", lived.over_s - lived.happened_s);
+}

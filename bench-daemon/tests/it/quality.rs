@@ -5,7 +5,7 @@ use std::fs;
 use analysis::dataset::RunIndex;
 use bench_daemon::command::run::{Finished, run_experiment};
 
-use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO};
+use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO, program};
 
 /// A sweep of the cell alone with the gate.
 fn gated(start_hz: f64, points: usize, gate: &str) -> Files {
@@ -140,6 +140,13 @@ fn what_the_gate_refuses_has_an_exit_code_a_column_and_no_model_unless_asked() {
     assert_eq!(analysis::dataset::read_spectrum_csv(&files.path("run/spectrum.csv")).unwrap().len(), 4);
     assert!(!files.path("run/model_1rc.json").exists());
     assert!(files.text("run/report.html").contains("no model: the quality gate has refused every point"));
+    // Nor is one made of them on the way to a diagnosis.
+    let out = files.path("investigation");
+    let arguments: [std::ffi::OsString; 5] =
+        ["investigate".into(), files.path(EXPERIMENT).into_os_string(), "--yes".into(), "--out".into(), out.clone().into_os_string()];
+    let ended = program(&arguments.each_ref().map(|argument| argument.as_os_str()));
+    ended.expect_code(11);
+    assert!(ended.message().starts_with("the quality gate refused 4 points") && !out.join("model.json").exists(), "{}", ended.message());
 
     let files = noisy("\nrefused_points = true");
     files.run("run").expect_code(11);

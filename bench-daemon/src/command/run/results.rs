@@ -49,8 +49,7 @@ fn evaluate(recorder: &mut Recorder, experiment: &Experiment, (measured, shown):
     for fit in &fits {
         let mapped = PackModel::new(&fit.erm, pack).map_err(|error| Failure::Analysis(error.to_string()))?;
         let mut model = ModelFile::new(&experiment.cell.name, fit.clone(), vec![measured.spectrum.name.clone()], Some(mapped));
-        model.refused = refused_points(measured);
-        model.refused.iter_mut().for_each(|point| point.fitted = experiment.fit.refused_points);
+        model.refused = refused_points(measured, experiment);
         let text = model.to_json().map_err(|error| Failure::Analysis(error.to_string()))?;
         recorder.text(&format!("model_{}rc.json", model.rc), &text)?;
     }
@@ -77,12 +76,8 @@ fn evaluate(recorder: &mut Recorder, experiment: &Experiment, (measured, shown):
 /// The orders that could be fitted, to all sweeps of the cell together; one that could not is noted and does not cost the others.
 fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Vec<ErmFit> {
     let mut spectra = storage::less_charge_storage(recorder, experiment, alike(measured));
-    let refused = refused_points(measured);
-    if !refused.is_empty() && !experiment.fit.refused_points {
-        for spectrum in &mut spectra {
-            let name = spectrum.name.clone();
-            spectrum.keep(|point| !refused.iter().any(|refused| refused.spectrum == name && refused.freq_hz == point.freq_hz));
-        }
+    let refused = refused_points(measured, experiment);
+    if leave_out(&mut spectra, &refused) {
         recorder.warning(&format!(
             "{} points that the quality gate refused are left out of the models: [fit] refused_points = true keeps them",
             refused.len()
@@ -107,8 +102,19 @@ fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, measured: &Measu
     fits
 }
 
-/// What the quality gate has refused to the end.
-pub(super) fn refused_points(measured: &Measured) -> Vec<RefusedPoint> {
+/// Takes points that are not to be fitted out of their spectra; whether there were any.
+pub(crate) fn leave_out(spectra: &mut [Spectrum], refused: &[RefusedPoint]) -> bool {
+    let left_out =
+        |name: &str, freq_hz: f64| refused.iter().any(|point| !point.fitted && point.spectrum == name && point.freq_hz == freq_hz);
+    for spectrum in spectra {
+        let name = spectrum.name.clone();
+        spectrum.keep(|point| !left_out(&name, point.freq_hz));
+    }
+    refused.iter().any(|point| !point.fitted)
+}
+
+/// What the quality gate has refused to the end, and whether it is fitted all the same.
+pub(crate) fn refused_points(measured: &Measured, experiment: &Experiment) -> Vec<RefusedPoint> {
     let of = |(spectrum, points): (&Spectrum, &Vec<SweepPoint>)| {
         let name = spectrum.name.clone();
         let refused = points.iter().filter(|point| !point.failing.is_empty());
@@ -116,7 +122,7 @@ pub(super) fn refused_points(measured: &Measured) -> Vec<RefusedPoint> {
             spectrum: name.clone(),
             freq_hz: point.phasors.freq_hz,
             reasons: point.failing.iter().map(ToString::to_string).collect(),
-            fitted: false,
+            fitted: experiment.fit.refused_points,
         };
         refused.map(named).collect::<Vec<_>>()
     };

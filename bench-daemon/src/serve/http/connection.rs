@@ -2,7 +2,8 @@
 //! request nor for taking what it is sent.
 
 use std::{
-    collections::VecDeque,
+    collections::{HashMap, VecDeque},
+    convert::Infallible,
     future::Future,
     io,
     net::{IpAddr, SocketAddr},
@@ -31,7 +32,6 @@ use rustls::pki_types::{CertificateDer, PrivateKeyDer, pem::PemObject};
 use tokio::{
     io::{AsyncRead, AsyncWrite, ReadBuf},
     net::{TcpListener, TcpStream},
-    sync::{OwnedSemaphorePermit, Semaphore},
     task::AbortHandle,
 };
 use tokio_rustls::TlsAcceptor;
@@ -46,7 +46,7 @@ use crate::{command::Failure, serve::Server};
 
 /// Longest head of a request, bytes.
 const HEAD_BYTES: usize = 16 * 1024;
-/// The silent of one peer have this part of all places.
+/// The silent of one peer, and those of it who were heard, have this part of all places.
 const PEER_SHARE: usize = 2;
 /// Nobody is let go of before this time, s, unless so many times as many as there are places have come in it: then it is a flood.
 const GRACE_S: f64 = 1.0;
@@ -83,15 +83,16 @@ impl Listener {
     pub async fn accept(&self, server: &Arc<Server>) {
         let app = App::of(server);
         let router = router(&app);
-        let mut places = Places { silent: VecDeque::new(), heard: Arc::new(Semaphore::new(server.settings.limits.connections)) };
+        let mut places = Places { silent: VecDeque::new(), heard: Heard::of(server.settings.limits.connections) };
         let server_clock = server.clock.clone();
         loop {
             let Ok((socket, peer)) = self.socket.accept().await else {
+                places.let_one_go();
                 server.clock.sleep_s(BREATH_S).await;
                 continue;
             };
             let asked = Arc::new(AtomicBool::new(false));
-            let place = Place { asked: asked.clone(), heard: places.heard.clone(), held: None };
+            let place = Place { asked: asked.clone(), heard: places.heard.clone(), peer: peer.ip(), held: None };
             let (server, router, tls) = (server.clone(), router.clone(), self.tls.clone());
             let most = server.settings.limits.connections;
             let task = tokio::spawn(async move {
@@ -120,10 +121,20 @@ struct Waiting {
 struct Places {
     /// Those who have not yet asked for anything, by the order in which they came.
     silent: VecDeque<Waiting>,
-    heard: Arc<Semaphore>,
+    heard: Heard,
 }
 
 impl Places {
+    /// Lets the longest silent go, whoever it is: nobody else can come.
+    fn let_one_go(&mut self) {
+        self.silent.retain(|waiting| !waiting.asked.load(Ordering::Relaxed) && !waiting.task.is_finished());
+        if let Some(waiting) = self.silent.pop_front()
+            && !waiting.asked.swap(true, Ordering::Relaxed)
+        {
+            waiting.task.abort();
+        }
+    }
+
     fn enter(&mut self, waiting: Waiting, most: usize) {
         let (peer, now_s) = (waiting.peer, waiting.since_s);
         let silent = &mut self.silent;
@@ -143,21 +154,63 @@ impl Places {
     }
 }
 
+/// Places of those who have asked for something, and whose they are: one peer has half of them.
+#[derive(Clone)]
+struct Heard {
+    most: usize,
+    held: Arc<Mutex<HashMap<IpAddr, usize>>>,
+}
+
+impl Heard {
+    fn of(most: usize) -> Self {
+        Self { most, held: Arc::default() }
+    }
+
+    fn take(&self, peer: IpAddr) -> Option<Held> {
+        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
+        let own = held.get(&peer).copied().unwrap_or(0);
+        if own >= (self.most / PEER_SHARE).max(1) || held.values().sum::<usize>() >= self.most {
+            return None;
+        }
+        held.insert(peer, own + 1);
+        Some(Held { heard: self.clone(), peer })
+    }
+}
+
+/// A place that is free again with its connection's end.
+struct Held {
+    heard: Heard,
+    peer: IpAddr,
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        let mut held = self.heard.held.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(own) = held.get_mut(&self.peer) {
+            *own -= 1;
+            if *own == 0 {
+                held.remove(&self.peer);
+            }
+        }
+    }
+}
+
 /// The place of one connection.
 struct Place {
     asked: Arc<AtomicBool>,
-    heard: Arc<Semaphore>,
-    held: Option<OwnedSemaphorePermit>,
+    heard: Heard,
+    peer: IpAddr,
+    held: Option<Held>,
 }
 
 impl Place {
-    /// It has asked for something: it is no longer one of the silent. Whether there is a place for it; a stop needs none.
-    fn heard(&mut self, stop: bool) -> bool {
+    /// It has asked for something: it is no longer one of the silent. Whether there is a place for it.
+    fn heard(&mut self) -> bool {
         self.asked.store(true, Ordering::Relaxed);
         if self.held.is_none() {
-            self.held = self.heard.clone().try_acquire_owned().ok();
+            self.held = self.heard.take(self.peer);
         }
-        stop || self.held.is_some()
+        self.held.is_some()
     }
 }
 
@@ -199,19 +252,20 @@ where
     let service = service_fn(move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(Peer(peer.ip()));
         let stop = is_stop(request.method(), request.uri());
-        let heard = place.lock().unwrap_or_else(PoisonError::into_inner).heard(stop);
-        let answer = heard.then(|| hyper::service::Service::call(&service, request));
+        let heard = place.lock().unwrap_or_else(PoisonError::into_inner).heard();
+        // A stop needs no place.
+        let answer = (heard || stop).then(|| hyper::service::Service::call(&service, request));
         async move {
-            match answer {
-                Some(answer) => answer.await,
-                None => {
-                    let words = "expected fewer connections at once, found more than this server has places for";
-                    let mut refused = Refusal::of(StatusCode::SERVICE_UNAVAILABLE, words).into_response();
-                    // Who has no place does not keep his connection either.
-                    refused.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
-                    Ok(refused)
-                }
+            let words = "expected fewer connections at once, found more than this server, or one peer, has places for";
+            let mut answer = match answer {
+                Some(answer) => answer.await?,
+                None => Refusal::of(StatusCode::SERVICE_UNAVAILABLE, words).into_response(),
+            };
+            if !heard {
+                // Who has no place does not keep his connection either.
+                answer.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
             }
+            Ok::<_, Infallible>(answer)
         }
     });
     let stream = Patient { stream, clock: clock.clone(), patience, waits: None, instead: None };
@@ -328,7 +382,20 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
 
 #[cfg(test)]
 mod tests {
-    use super::instead_of;
+    use super::{Heard, instead_of};
+    use std::net::{IpAddr, Ipv4Addr};
+
+    #[test]
+    fn one_peer_has_half_of_the_places_and_gives_them_back() {
+        let (heard, one, other) = (Heard::of(6), IpAddr::V4(Ipv4Addr::LOCALHOST), IpAddr::V4(Ipv4Addr::UNSPECIFIED));
+        let mut held: Vec<_> = (0..4).map(|_| heard.take(one)).collect();
+        assert_eq!(held.iter().flatten().count(), 3);
+        let others: Vec<_> = (0..4).map(|_| heard.take(other)).collect();
+        assert_eq!(others.iter().flatten().count(), 3);
+        held.clear();
+        held.extend((0..4).map(|_| heard.take(one)));
+        assert_eq!(held.iter().flatten().count(), 3);
+    }
 
     #[test]
     fn only_an_answer_that_the_library_made_is_exchanged() {

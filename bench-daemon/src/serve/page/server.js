@@ -40,21 +40,35 @@ export const stopNow = async (path) => (await asked("POST", path, undefined, STO
 export const remove = async (path) => (await asked("DELETE", path)).json();
 export const file = async (path) => (await asked("GET", path)).blob();
 
+// Whoever hears nothing for so long is no longer connected, whatever the system says: the server speaks every 15 s.
+const SILENCE_MS = 40000;
+
 // Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. All tabs of a browser with the same token share one stream: the
-// tab that holds the lock listens and passes on what it hears; when it is closed, the next one takes over.
+// tab that holds the lock listens and passes on what it hears; when it is closed, the next one takes over. A tab that hears nothing of it any more, for a browser
+// may freeze a tab that nobody looks at, listens for itself.
 export async function listen(on, link) {
   if (!navigator.locks || !window.BroadcastChannel) return stream(on, link);
   const name = `events ${await digest(server.token)}`;
   const channel = new BroadcastChannel(name);
   let leads = false;
   let state = "down";
+  let heard = Date.now();
   const linked = (now) => { state = now; link(now); };
+  const alone = new AbortController();
+  const watch = setInterval(() => {
+    if (leads || Date.now() - heard < SILENCE_MS) return;
+    linked("down");
+    clearInterval(watch);
+    channel.close();
+    alone.abort();
+  }, 5000);
   channel.onmessage = ({ data }) => {
     if (leads) {
       if (data.ask) channel.postMessage({ link: state });
       return;
     }
-    if (data.link) linked(data.link);
+    heard = Date.now();
+    if (data.link && data.link !== state) linked(data.link);
     if (data.kind) {
       if (data.id) server.lastId = data.id;
       on(data.kind, data.data);
@@ -63,14 +77,22 @@ export async function listen(on, link) {
   // Who comes later asks for what it has missed.
   channel.postMessage({ ask: true });
   on("hello", {});
-  return navigator.locks.request(name, () => {
+  const lead = async () => {
     leads = true;
+    clearInterval(watch);
     const pass = (kind, data) => {
       channel.postMessage({ kind, data, id: server.lastId });
       on(kind, data);
     };
-    return stream(pass, (now) => { linked(now); channel.postMessage({ link: now }); });
-  });
+    await stream(pass, (now) => { linked(now); channel.postMessage({ link: now }); }, () => channel.postMessage({ link: state }));
+    channel.close();
+  };
+  try {
+    return await navigator.locks.request(name, { signal: alone.signal }, lead);
+  } catch (error) {
+    if (!alone.signal.aborted) throw error;
+    return stream(on, link);
+  }
 }
 
 async function digest(secret) {
@@ -78,8 +100,8 @@ async function digest(secret) {
   return Array.from(new Uint8Array(bytes).slice(0, 8), (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-// Ends only when the token is refused.
-async function stream(on, link) {
+// Ends only when the token is refused; `beat()` comes with whatever the server says, its comments too.
+async function stream(on, link, beat = () => {}) {
   for (let pause = 500; ; pause = Math.min(pause * 2, 8000)) {
     try {
       const more = { Accept: "text/event-stream" };
@@ -89,7 +111,7 @@ async function stream(on, link) {
       if (!response.ok) throw new Error(`status ${response.status}`);
       link("up");
       pause = 250;
-      await read(response.body.getReader(), on);
+      await read(response.body.getReader(), on, beat);
     } catch {
       // Told below, and tried again.
     }
@@ -98,10 +120,7 @@ async function stream(on, link) {
   }
 }
 
-// Whoever hears nothing for so long is no longer connected, whatever the system says: the server speaks every 15 s.
-const SILENCE_MS = 40000;
-
-async function read(reader, on) {
+async function read(reader, on, beat) {
   const decoder = new TextDecoder();
   let text = "";
   for (;;) {
@@ -117,6 +136,7 @@ async function read(reader, on) {
       clearTimeout(timer);
     }
     if (part.done) return;
+    beat();
     text += decoder.decode(part.value, { stream: true });
     const blocks = text.split("\n\n");
     text = blocks.pop();
