@@ -150,6 +150,26 @@ impl Bench {
         found
     }
 
+    /// Stops a bath that closes its loop itself, that this run has started, and that is no longer set as the run has set it: nobody knows where it goes. Where it
+    /// does not stop, it is told the other ways of its dialect. What became of it, in words; nothing where it is as it should be.
+    pub async fn stray_bath(&mut self) -> Option<String> {
+        let bath = self.chiller.as_mut().filter(|chiller| !chiller.is_regulated() && chiller.was_told())?;
+        fresh(bath).await;
+        let met = match bath.differs().await {
+            Ok(None) => return None,
+            Ok(Some(met)) => met,
+            Err(error) => return Some(format!("LOOK AT THE BATH: where it goes is not known: {error}")),
+        };
+        let Err(error) = bath.stop().await else { return Some(format!("the bath was stopped, for {met}")) };
+        for way in bath.zero() {
+            fresh(bath).await;
+            if bath.go(&way).await.is_ok() {
+                return Some(format!("LOOK AT THE BATH: {met}, and it does not stop ({error}); it was given {}", way.name));
+            }
+        }
+        Some(format!("LOOK AT THE BATH: {met}, and it does not stop: {error}: SWITCH IT OFF AT ITS PANEL"))
+    }
+
     async fn try_safe(&mut self) -> Vec<Output> {
         let offset = Volts(self.command_offset_v);
         let clock = self.clock.clone();

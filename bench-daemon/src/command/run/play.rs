@@ -26,6 +26,7 @@ use crate::{
     reconcile,
     record::Recorder,
     sim::Simulation,
+    terminal::remark,
 };
 
 pub(super) struct Run<'a> {
@@ -109,6 +110,12 @@ impl Run<'_> {
             Ok(safe) => Failure::unsafe_first(safe, outcome),
             Err(panic) => Err(Failure::Unsafe { failures: format!("what the outputs do is not known: {panic}"), cause: String::new() }),
         };
+        if outcome.is_err()
+            && let Ok(Some(bath)) = caught(async { Ok(bench.stray_bath().await) }).await
+        {
+            remark!("eis-bench: {bath}");
+            self.recorder.warning(&bath);
+        }
         // What could not be switched off is left to the guardian, which needs the instruments for itself.
         drop(bench);
         let outcome = custody.end(outcome).await;
