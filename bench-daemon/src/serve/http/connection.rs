@@ -46,8 +46,10 @@ use crate::{command::Failure, serve::Server};
 
 /// Longest head of a request, bytes.
 const HEAD_BYTES: usize = 16 * 1024;
-/// The silent of one peer, and those of it who were heard, have this part of all places.
+/// The silent of one peer have this part of all places.
 const PEER_SHARE: usize = 2;
+/// Of those who were heard one peer, which may be a whole laboratory behind a proxy, has all places but this part.
+const OTHERS_SHARE: usize = 4;
 /// Nobody is let go of before this time, s, unless so many times as many as there are places have come in it: then it is a flood.
 const GRACE_S: f64 = 1.0;
 const FLOOD: usize = 16;
@@ -154,7 +156,7 @@ impl Places {
     }
 }
 
-/// Places of those who have asked for something, and whose they are: one peer has half of them.
+/// Places of those who have asked for something, and whose they are: a quarter is for other peers than the one that has the most.
 #[derive(Clone)]
 struct Heard {
     most: usize,
@@ -169,7 +171,7 @@ impl Heard {
     fn take(&self, peer: IpAddr) -> Option<Held> {
         let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         let own = held.get(&peer).copied().unwrap_or(0);
-        if own >= (self.most / PEER_SHARE).max(1) || held.values().sum::<usize>() >= self.most {
+        if own >= self.most - self.most / OTHERS_SHARE || held.values().sum::<usize>() >= self.most {
             return None;
         }
         held.insert(peer, own + 1);
@@ -386,15 +388,15 @@ mod tests {
     use std::net::{IpAddr, Ipv4Addr};
 
     #[test]
-    fn one_peer_has_half_of_the_places_and_gives_them_back() {
-        let (heard, one, other) = (Heard::of(6), IpAddr::V4(Ipv4Addr::LOCALHOST), IpAddr::V4(Ipv4Addr::UNSPECIFIED));
-        let mut held: Vec<_> = (0..4).map(|_| heard.take(one)).collect();
-        assert_eq!(held.iter().flatten().count(), 3);
+    fn one_peer_leaves_a_quarter_of_the_places_and_gives_them_back() {
+        let (heard, one, other) = (Heard::of(8), IpAddr::V4(Ipv4Addr::LOCALHOST), IpAddr::V4(Ipv4Addr::UNSPECIFIED));
+        let mut held: Vec<_> = (0..8).map(|_| heard.take(one)).collect();
+        assert_eq!(held.iter().flatten().count(), 6);
         let others: Vec<_> = (0..4).map(|_| heard.take(other)).collect();
-        assert_eq!(others.iter().flatten().count(), 3);
+        assert_eq!(others.iter().flatten().count(), 2);
         held.clear();
-        held.extend((0..4).map(|_| heard.take(one)));
-        assert_eq!(held.iter().flatten().count(), 3);
+        held.extend((0..8).map(|_| heard.take(one)));
+        assert_eq!(held.iter().flatten().count(), 6);
     }
 
     #[test]
