@@ -42,6 +42,15 @@ fn silent(address: &str, over: &AtomicBool) {
     }
 }
 
+/// Ends those who come for ever, however the test ends: a panic would wait for them.
+struct Ends<'a>(&'a AtomicBool);
+
+impl Drop for Ends<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 /// A head that comes a byte at a time.
 fn slow(address: &str, over: &AtomicBool) {
     while !over.load(Ordering::Relaxed) {
@@ -74,6 +83,7 @@ pub(crate) fn stop_beside_load(what: &str, prepare: impl FnOnce(&Served), stop: 
             scope.spawn(|| silent(&served.address, &over));
         }
         scope.spawn(|| slow(&served.address, &over));
+        let _ends = Ends(&over);
         let listeners: Vec<_> = (0..LISTENERS).map(|_| served.listen("")).collect();
         for _ in 0..stops() {
             submit(&served, r#"{"experiment":"demo"}"#);
@@ -82,7 +92,6 @@ pub(crate) fn stop_beside_load(what: &str, prepare: impl FnOnce(&Served), stop: 
             assert_eq!(ports.world.lock().unwrap().truth_current_a(), 0.0);
             served.post("/benches/demo/release", "").expect(200);
         }
-        over.store(true, Ordering::Relaxed);
         drop(listeners);
     });
     took.sort_by(f64::total_cmp);
