@@ -95,9 +95,9 @@ fn the_drive_ends_by_itself_where_nobody_is_left_to_end_it() {
         // Both stand still before it is asked whether a current flows: on a slow machine a point may end between the two.
         poll("a current that neither can end", || {
             poll("a current", || flows().then_some(()));
-            both.map(|process| signal(process, Signal::SIGSTOP));
+            both.into_iter().for_each(|process| signal(process, Signal::SIGSTOP));
             let caught = flows();
-            both.map(|process| signal(process, if caught { Signal::SIGKILL } else { Signal::SIGCONT }));
+            both.into_iter().for_each(|process| signal(process, if caught { Signal::SIGKILL } else { Signal::SIGCONT }));
             caught.then_some(())
         });
         let _ = child.0.wait();
