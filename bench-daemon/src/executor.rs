@@ -322,6 +322,7 @@ impl<'a> Executor<'a> {
     /// Takes another cell into use. Where a person does it, they are asked when it is to be clamped.
     async fn insert(&mut self, specimen: &Arc<Specimen>) -> Result<(), ExecuteError> {
         self.bench.made_safe().await.map_err(BenchError::from)?;
+        self.bench.off_again().await?;
         let error = self.bench.error("jig");
         if let Some(jig) = self.bench.jig.as_mut() {
             jig.insert(specimen.number).await.map_err(error)?;
@@ -347,6 +348,7 @@ impl<'a> Executor<'a> {
             // A bar across a cell is a dead short, whatever the outputs do: it is looked for before anybody reaches into the jig.
             self.refuse_a_cell("before mounting the short").await?;
         }
+        self.bench.off_again().await?;
         match (&self.experiment.bench.instruments.jig, self.bench.jig.as_mut()) {
             (Some(config::Jig::Device(_)), Some(jig)) => {
                 let mounted = jig.mount(fixture).await;

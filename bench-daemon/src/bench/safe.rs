@@ -122,6 +122,22 @@ impl Bench {
         self.safe_state().await.proven().map(|_| ())
     }
 
+    /// Switches every output off once more and reads it back, for the moment before a relay or a person changes what is in the jig. What another client
+    /// switched on since the safe state shows no current as long as nothing in the jig drives one.
+    ///
+    /// # Errors
+    /// The first that could not be read back as off.
+    pub async fn off_again(&mut self) -> Result<(), BenchError> {
+        let offset = Volts(self.command_offset_v);
+        let clock = self.clock.clone();
+        let driven = off(&mut self.generator, &mut self.supply4q, (&clock, offset));
+        let ((supply4q, generator, _), load, supply) = tokio::join!(driven, end(&mut self.load, &clock), end(&mut self.supply, &clock));
+        for (role, ended) in [("supply4q", supply4q.0), ("generator", generator), ("load", load.0), ("supply", supply.0)] {
+            ended.map_err(|source| wrap(role, self.model(role), source))?;
+        }
+        Ok(())
+    }
+
     /// Switches off what drives the cell by the bipolar supply, in the order of [`Self::safe_state`], once. Load and charger stay as they are.
     ///
     /// # Errors

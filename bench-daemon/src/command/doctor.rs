@@ -324,6 +324,7 @@ impl Visit<'_> {
     /// Safe state first: nobody reaches into a jig that is live.
     async fn mount(&self, examination: &mut Examination<'_>, fixture: Fixture) -> Result<(), Failure> {
         examination.bench.made_safe().await?;
+        examination.bench.off_again().await?;
         let error = examination.bench.error("jig");
         if let Some(jig) = examination.bench.jig.as_mut() {
             return Ok(jig.mount(fixture).await.map_err(error)?);
