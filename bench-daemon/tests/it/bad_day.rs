@@ -6,6 +6,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use bench_daemon::{command::run::Session, config::Experiment};
+use fixtures::witness::AbuseKind;
 use instruments::mock::{Fault, Happened, Schedule};
 
 use crate::support::{Files, truth};
@@ -106,4 +107,54 @@ fn every_bad_day_ends_finished_or_with_a_cause_in_safe_state() {
     println!("bad days, seeds {first} to {}: {ends:?}; faults {faults:?}", end - 1);
     assert!(wrong.is_empty(), "{} of {days}:\n{}", wrong.len(), wrong.join("\n"));
     assert!(faults.values().sum::<usize>() > usize::try_from(days).unwrap() / 2, "{faults:?}");
+}
+
+/// Readings that verify that the load is off: two, of voltage and current.
+const VERIFYING: usize = 4;
+
+/// What the load is told: a client that changes nothing is logged at every message.
+fn messages_to_the_load(experiment: &Experiment, folder: &Path) -> Vec<Happened> {
+    with_second_client(experiment, folder, usize::MAX, (usize::MAX, 0.0)).1
+}
+
+/// Runs with a second client at the load that does `variant` from a bench time on, at most so often.
+fn with_second_client(
+    experiment: &Experiment,
+    folder: &Path,
+    most: usize,
+    (variant, from_s): (usize, f64),
+) -> (Vec<AbuseKind>, Vec<Happened>) {
+    let mut experiment = experiment.clone();
+    let schedule = Schedule {
+        per_message: 1.0,
+        most,
+        faults: vec![Fault::SecondClient],
+        role: Some("load".to_owned()),
+        from_s,
+        variant: Some(variant),
+        ..Schedule::default()
+    };
+    if let Some(simulation) = &mut experiment.bench.simulation {
+        simulation.faults = Some(schedule);
+    }
+    let mut session = Session::new(&experiment.bench).unwrap();
+    // How it ends is another test's: a load that is on at the wrong moment may well stop the run.
+    let _ = session.run(&experiment, folder);
+    std::fs::remove_dir_all(folder).unwrap();
+    let simulation = session.simulation().unwrap();
+    let abuse = simulation.world().lock().unwrap().witness().abuse.iter().map(|abuse| abuse.kind).collect();
+    (abuse, simulation.happened())
+}
+
+#[test]
+fn a_load_switched_on_by_another_client_is_off_again_before_anything_is_mounted() {
+    let files = Files::short(2);
+    let experiment = files.load();
+    let all = messages_to_the_load(&experiment, &files.path("all"));
+    let verified = all.iter().enumerate().filter(|(_, happened)| happened.message == ":INP?").map(|(at, _)| at);
+    let readings: Vec<f64> = verified.flat_map(|at| all.iter().skip(at + 1).take(VERIFYING)).map(|happened| happened.time_s).collect();
+    let abuse = |from_s: &f64| with_second_client(&experiment, &files.path("run"), 1, (1, *from_s)).0;
+    let live: Vec<_> = readings.iter().filter(|from_s| abuse(from_s).contains(&AbuseKind::LiveMount)).collect();
+    assert!(readings.len() >= 3 * VERIFYING, "{readings:?}");
+    assert!(live.is_empty(), "{live:?}");
 }
