@@ -100,9 +100,18 @@ impl Browser {
         format!("/element/{}", found[ELEMENT].as_str().unwrap())
     }
 
+    /// Clicks as a person does, who sees what is there now: where it was drawn anew since it was found, it is looked for again.
     #[track_caller]
     fn click(&self, css: &str) {
-        self.say(&format!("{}/click", self.element(css)), &json!({}));
+        for _ in 0..50 {
+            let answer = exchange(&self.driver, "POST", &format!("{}{}/click", self.session, self.element(css)), "{}");
+            if answer.status == 200 {
+                return;
+            }
+            assert!(answer.text().contains("stale element reference"), "{css}: {}", answer.text());
+            poll_once();
+        }
+        panic!("{css}: drawn anew at each click");
     }
 
     #[track_caller]

@@ -2,7 +2,7 @@
 "use strict";
 
 import { Refused, file, get, listen, post, remove, server, stopNow, useToken } from "./server.js";
-import { $, drawInstruments, drawNow, drawOthers, drawRun, drawStop, drawTrip, duration, el, person, text, when } from "./bench.js";
+import { $, drawInstruments, drawNow, drawOthers, drawRun, drawStop, drawTrip, duration, el, fill, person, text, when } from "./bench.js";
 import { MARKS, bode, make, mark, nyquist } from "./plots.js";
 
 const known = { benches: new Map(), bench: "", scopes: [], queue: { items: [], held: {} }, runs: [], spectra: new Map(), chosen: [], failing: 0 };
@@ -139,7 +139,7 @@ function drawQueue() {
   const items = known.queue.items;
   const waiting = items.filter((item) => !item.process);
   const move = (item) => post("/queue/order", { ids: [item.id] });
-  $("items").replaceChildren(...(items.length ? items : [null]).map((item) => {
+  fill($("items"), ...(items.length ? items : [null]).map((item) => {
     if (!item) return el("li", { class: "quiet" }, "Empty.");
     const words = `${item.run} on ${item.bench}, ${item.kind === "resume" ? "to go on, " : ""}about ${duration(item.expected_s)} of bench time, by ${person(item.by)}`;
     const cancel = !item.process && may("operate") ? el("button", { type: "button", onclick: () => attempt(() => remove(`/queue/${item.id}`), () => `${item.run} was taken out.`) }, "Take out") : null;
@@ -150,7 +150,7 @@ function drawQueue() {
   $("held").hidden = !why;
   if (why) {
     const release = may("energise") ? el("button", { type: "button", onclick: () => attempt(() => post(`/benches/${known.bench}/release`), () => "The queue goes on.") }, "Let the queue go on") : null;
-    $("held").replaceChildren(`❚❚ Nothing is begun on ${known.bench}: ${why}. `, release || "");
+    fill($("held"), `❚❚ Nothing is begun on ${known.bench}: ${why}. `, release || "");
   }
 }
 
@@ -165,7 +165,7 @@ function drawHistory() {
     return el("tr", {}, el("td", { "data-name": "Compare" }, box), el("th", { scope: "row" }, run), el("td", { "data-name": "Bench" }, job.item.bench),
       el("td", { "data-name": "Submitted" }, when(job.item.submitted_unix_s)), el("td", { "data-name": "By" }, person(job.item.by)), el("td", {}, how), el("td", {}, ...acts));
   };
-  $("runs").replaceChildren(...known.runs.slice(0, 100).map(row));
+  fill($("runs"), ...known.runs.slice(0, 100).map(row));
 }
 
 async function compare(run, on) {
@@ -229,10 +229,10 @@ async function refresh() {
   known.benches = new Map(benches.map((one) => [one.bench, one]));
   if (!known.benches.has(known.bench)) known.bench = (benches.find((one) => one.run && one.run.going) || benches[0]).bench;
   [known.queue, known.runs] = [queue, runs];
-  $("bench").replaceChildren(...benches.map((one) => el("option", { selected: one.bench === known.bench }, one.bench)));
+  fill($("bench"), ...benches.map((one) => el("option", { selected: one.bench === known.bench }, one.bench)));
   $("choose").hidden = $("stopall").hidden = benches.length < 2;
   const before = $("experiment").value;
-  $("experiment").replaceChildren(...offered.map((one) => el("option", { selected: one.experiment === before }, one.experiment)));
+  fill($("experiment"), ...offered.map((one) => el("option", { selected: one.experiment === before }, one.experiment)));
   known.spectra.clear();
   const wanted = new Set(known.chosen);
   if (live().run && live().run.run) wanted.add(live().run.run);

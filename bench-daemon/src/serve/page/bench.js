@@ -19,6 +19,13 @@ export function text(node, value) {
   if (node.textContent !== value) node.textContent = value;
 }
 
+// Only what looks different is exchanged: a button that is new between press and release loses the click.
+export function fill(parent, ...children) {
+  const next = parent.cloneNode(false);
+  next.append(...children);
+  if (!parent.isEqualNode(next)) parent.replaceChildren(...next.childNodes);
+}
+
 export function duration(seconds) {
   if (seconds === null || seconds === undefined) return "unknown";
   const s = Math.round(seconds);
