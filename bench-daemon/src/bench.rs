@@ -120,6 +120,8 @@ pub struct Bench {
     models: BTreeMap<&'static str, config::Instrument>,
     clock: Clock,
     command_offset_v: f64,
+    /// Roles whose output said that it is off while a current flowed, and by what it was brought to zero.
+    lied: BTreeMap<String, String>,
 }
 
 /// An instrument's identity, for the manifest.
@@ -180,6 +182,7 @@ impl Bench {
             jig,
             clock: connections.clock.clone(),
             command_offset_v: config.wiring.command_offset_v,
+            lied: BTreeMap::new(),
             models: instruments.addressed().into_iter().map(|(role, instrument)| (role, instrument.clone())).collect(),
         })
     }
@@ -205,6 +208,7 @@ impl Bench {
             jig: None,
             clock: connections.clock.clone(),
             command_offset_v: config.wiring.command_offset_v,
+            lied: BTreeMap::new(),
             models: instruments.addressed().into_iter().map(|(role, instrument)| (role, instrument.clone())).collect(),
         })
     }

@@ -104,6 +104,8 @@ pub struct Executor<'a> {
     charge_c: f64,
     /// Bench time of the last reading of the bipolar supply, s.
     watched_s: f64,
+    /// When those that are to carry nothing were read last, bench s.
+    others_s: f64,
     /// Number of the instrument whose settings were read back last.
     looked: usize,
     /// How long the last reading of the bipolar supply took, s.
@@ -116,8 +118,10 @@ pub struct Executor<'a> {
     shown_v: Option<f64>,
     /// What the power-up in work allows of the current, A.
     powered_a: Option<f64>,
-    /// Scales of the shunt's channels, V per division, and the mean of the current in the first record on them since the power-up, A.
+    /// Scales of the shunt's channels, V per division, and what a record on them shows while no direct current flows, A: from the first since the power-up.
     first_mean: Option<([f64; 2], f64)>,
+    /// By how much the mean of the current has changed since then, A.
+    mean_change_a: f64,
     /// The cell's temperature when it was read last, °C.
     last_c: Option<f64>,
     /// The logger scans nothing before it was told what.
@@ -184,6 +188,7 @@ impl<'a> Executor<'a> {
             zero: None,
             charge_c: 0.0,
             watched_s: f64::NEG_INFINITY,
+            others_s: f64::NEG_INFINITY,
             looked: 0,
             read_s: 0.0,
             ends_early: false,
@@ -191,6 +196,7 @@ impl<'a> Executor<'a> {
             shown_v: None,
             powered_a: None,
             first_mean: None,
+            mean_change_a: 0.0,
             last_c: None,
             logger_ready: false,
             legs: leg::Legs::default(),

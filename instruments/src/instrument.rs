@@ -70,6 +70,20 @@ impl<D: Model + ?Sized> Instrument<D> {
         Ok(again.map_or(identity, |text| Identity::parse(&text)))
     }
 
+    /// Connects anew and asks who it is: an instrument whose answers belong to other questions does not answer with its identity.
+    ///
+    /// # Errors
+    /// The link's, and [`LinkError::Unexpected`] for an answer that is not this model's identity.
+    pub async fn reconnect_and_identify(&mut self) -> Result<(), LinkError> {
+        self.link.reconnect().await?;
+        let identity = self.identify().await?;
+        if self.dialect.recognises(&identity) {
+            return Ok(());
+        }
+        let expected = format!("the identity of a {}", self.dialect.key());
+        Err(LinkError::unexpected(self.link.name(), self.dialect.identity_query(), &identity.raw, &expected))
+    }
+
     /// Asks for one number.
     pub(crate) async fn number(&mut self, query: &str) -> Result<f64, LinkError> {
         let answer = self.link.query(query).await?;

@@ -19,6 +19,12 @@ pub struct Output {
     pub volts: Option<f64>,
     /// Current that it measures, A; none without a meter or an answer.
     pub amps: Option<f64>,
+    /// It said that it is off while a current flowed.
+    #[serde(default)]
+    pub lied: bool,
+    /// Its answers do not belong to the questions: what it measures is not known.
+    #[serde(default)]
+    pub out_of_step: bool,
     /// By what its current was brought to zero while its output stayed on.
     pub by: Option<String>,
     /// What bounds its current, where it could not be verified to be off.
@@ -36,7 +42,7 @@ impl Output {
     /// It is off by its own word, and no current flows by its meter, where it has one.
     pub fn verified(&self) -> bool {
         let metered = METERED.contains(&self.role.as_str());
-        self.off && self.trouble.is_none() && (!metered || self.amps.is_some_and(|amps| amps.abs() <= NO_CURRENT_A))
+        self.off && !self.lied && self.trouble.is_none() && (!metered || self.amps.is_some_and(|amps| amps.abs() <= NO_CURRENT_A))
     }
 
     /// It was left on, for its offset holds the supply's zero error at no current: nobody tried to switch it off.
@@ -54,16 +60,29 @@ impl Output {
                 format!("{name} is not known to be off; the bipolar supply that it commands is off, so that it drives nothing: {unplug}")
             }
             ("generator", _) => format!("{name} is not known to be off, and it commands the bipolar supply: {unplug}"),
+            (_, Some(amps)) if amps.abs() > NO_CURRENT_A && self.off => {
+                format!(
+                    "{:.2} A may still flow through {name}: its own meter shows them, though it says that it is off{bound}: {unplug}",
+                    amps.abs()
+                )
+            }
             (_, Some(amps)) if amps.abs() > NO_CURRENT_A => {
-                let off = if self.off { ", though it says that it is off" } else { "" };
-                format!("{:.2} A still flow through {name} by its own meter{off}{bound}: {unplug}", amps.abs())
+                format!("{:.2} A still flow through {name} by its own meter{bound}: {unplug}", amps.abs())
+            }
+            (_, Some(amps)) if self.lied => {
+                let by = self.by.as_ref().map_or_else(String::new, |by| format!(" until it was given {by}"));
+                format!("{name} says that it is off, but a current flowed{by}; its own meter now shows {:.2} A: {unplug}", amps.abs())
             }
             (_, Some(amps)) => {
                 let by = self.by.as_ref().map_or_else(String::new, |by| format!(" since it was given {by}"));
                 format!("{name} does not say that it is off; its own meter shows {:.2} A{by}{bound}: {unplug}", amps.abs())
             }
             (_, None) => {
-                let said = if self.off { "it says that it is off, and its meter does not answer" } else { "it does not answer" };
+                let said = match (self.out_of_step, self.off) {
+                    (true, _) => "its answers do not belong to the questions",
+                    (false, true) => "it says that it is off, and its meter does not answer",
+                    (false, false) => "it does not answer",
+                };
                 format!("whether a current flows through {name} is not known: {said}{bound}: {unplug}")
             }
         }
@@ -127,7 +146,7 @@ impl SafeReport {
         let mut wrong: Vec<&Output> = outputs.iter().filter(|output| !output.verified() && !output.holds()).collect();
         // The greatest current first, then what is not known.
         wrong.sort_by(|one, other| weight(other).total_cmp(&weight(one)));
-        let silent = |output: &&Output| output.amps.is_none() && !output.off;
+        let silent = |output: &&Output| output.amps.is_none() && !output.off && !output.out_of_step;
         let message = if outputs.is_empty() {
             "the bench has nothing that could drive a current".to_owned()
         } else if wrong.is_empty() {
@@ -204,6 +223,20 @@ mod tests {
             held.line().trim_end(),
             "generator  m                    left on at its least sine: the supply that it commands is not known to be off"
         );
+    }
+
+    #[test]
+    fn whose_word_was_wrong_is_not_verified_and_whose_answers_are_shifted_has_no_current() {
+        let lied = Output { lied: true, by: Some("its set-points at 0".to_owned()), ..output("load", true, Some(0.0)) };
+        let report = SafeReport::of("demo", vec![lied]);
+        let words = "the load (m) says that it is off, but a current flowed until it was given its set-points at 0; its own meter now shows 0.00 A: UNPLUG THE \
+                     LOAD FROM THE CELL";
+        assert_eq!((report.verified, report.message.as_str()), (false, words));
+        let shifted = Output { out_of_step: true, ..output("load", true, None) };
+        let words = "whether a current flows through the load (m) is not known: its answers do not belong to the questions: UNPLUG THE LOAD FROM THE CELL";
+        assert_eq!(SafeReport::of("demo", vec![shifted]).message, words);
+        let words = "3.00 A may still flow through the load (m): its own meter shows them, though it says that it is off: UNPLUG THE LOAD FROM THE CELL";
+        assert_eq!(SafeReport::of("demo", vec![output("load", true, Some(3.0))]).message, words);
     }
 
     #[test]

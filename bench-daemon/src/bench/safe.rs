@@ -1,7 +1,7 @@
 //! Safe state: everything off that can move charge, in the order that cannot harm the cell, read back and proven. What does not go off is brought to zero
 //! by the other ways that its dialect declares.
 
-use std::time::Duration;
+use std::{collections::BTreeMap, time::Duration};
 
 use instruments::{
     chiller::Chiller,
@@ -26,8 +26,8 @@ use crate::interlock::NO_CURRENT_A;
 /// How often safe state is tried again, and the pause before each, s.
 const SAFE_RETRIES: usize = 5;
 const SAFE_PAUSE_S: f64 = 1.0;
-/// After this time no current may flow, s; what is read twice in a row as none, this far apart, is none.
-const SAFE_SETTLE_S: f64 = 0.5;
+/// After this time no current may flow, s: a meter that shows two values per second has shown the new one; what is read twice in a row as none, this far apart, is none.
+const SAFE_SETTLE_S: f64 = 1.5;
 const SAFE_AGAIN_S: f64 = 0.1;
 /// Longest wait for the generator's least sine before the supply is switched off.
 const QUIET_DEADLINE: Duration = Duration::from_secs(2);
@@ -41,6 +41,7 @@ trait Drive {
     async fn told(&mut self) -> Vec<String>;
     fn rating_a(&self) -> f64;
     async fn renew(&mut self);
+    async fn in_step(&mut self) -> Result<(), LinkError>;
     fn is_dropped(&mut self) -> bool;
 }
 
@@ -75,6 +76,10 @@ macro_rules! drives {
                 fresh(self).await;
             }
 
+            async fn in_step(&mut self) -> Result<(), LinkError> {
+                self.reconnect_and_identify().await
+            }
+
             fn is_dropped(&mut self) -> bool {
                 self.link_mut().is_dropped()
             }
@@ -92,19 +97,21 @@ type Ended = (Result<(), LinkError>, Option<&'static str>);
 
 impl Bench {
     /// Switches everything off that can move charge, and the relays of a bath without a loop of its own, and proves it: each output is read back, and
-    /// within half a second no current may flow any more.
+    /// within [`SAFE_SETTLE_S`] no current may flow any more.
     ///
     /// The generator is brought to its least sine first, which ends the current at once; its output goes off only when the supply's is known to be off,
     /// for without its offset the supply's zero error would flow, or when it does not take the least sine. Load and charger are switched off at the same
     /// time, so that none waits for another that does not answer. Whose output does not go off, or carries a current all the same, is brought to zero by
-    /// the other ways of its dialect. Who fails is tried again for a while on a fresh connection: switching off is idempotent.
+    /// the other ways of its dialect. Who fails is tried again for a while on a fresh connection: switching off is idempotent. Whose word was once wrong is not
+    /// believed again.
     pub async fn safe_state(&mut self) -> SafeReport {
         let mut report = SafeReport::default();
         for attempt in 0..=SAFE_RETRIES {
             if attempt > 0 {
                 self.clock.sleep_s(SAFE_PAUSE_S).await;
             }
-            let outputs = self.try_safe().await;
+            let mut outputs = self.try_safe().await;
+            remember(&mut self.lied, &mut outputs);
             report = SafeReport::of(&self.name, outputs);
             if report.verified {
                 return report;
@@ -216,6 +223,17 @@ impl Bench {
     }
 }
 
+/// Whose word was once wrong is not believed again; `lied` keeps roles, and by what each was brought to zero.
+fn remember(lied: &mut BTreeMap<String, String>, outputs: &mut [Output]) {
+    for output in outputs {
+        if output.lied {
+            lied.insert(output.role.clone(), output.by.clone().unwrap_or_default());
+        } else if let Some(by) = lied.get(&output.role) {
+            (output.lied, output.by) = (true, Some(by.clone()));
+        }
+    }
+}
+
 fn told(ended: Result<(), LinkError>) -> Option<String> {
     ended.err().map(|error| error.to_string())
 }
@@ -269,29 +287,42 @@ async fn at_rest<D: Drive>(drive: &mut D, clock: &Clock) -> Result<(f64, f64), L
 async fn found<D: Drive>(drive: &mut Option<D>, (off, mut by): Ended, clock: &Clock) -> Option<Output> {
     let drive = drive.as_mut()?;
     let mut read = at_rest(drive, clock).await;
-    if by.is_none() && read.as_ref().is_ok_and(|(_, amps)| amps.abs() > NO_CURRENT_A) {
-        // By its own word it may be off: the current says otherwise.
-        by = zero(drive, clock).await;
-        read = drive.read().await;
+    let (mut lied, mut out_of_step) = (false, false);
+    if read.as_ref().is_ok_and(|(_, amps)| amps.abs() > NO_CURRENT_A) {
+        if by.is_none() {
+            // By its own word it may be off: the current says otherwise.
+            by = zero(drive, clock).await;
+            lied = off.is_ok() && by.is_some();
+            read = drive.read().await;
+        }
+        if read.as_ref().is_ok_and(|(_, amps)| amps.abs() > NO_CURRENT_A) {
+            // What is told as a current is the answer to this question.
+            let step = drive.in_step().await;
+            out_of_step = matches!(step, Err(LinkError::Unexpected { .. }));
+            read = match step {
+                Ok(()) => drive.read().await,
+                Err(error) => Err(error),
+            };
+        }
     }
     let output = Output {
         off: off.is_ok(),
+        lied,
+        out_of_step,
         volts: read.as_ref().ok().map(|read| read.0),
         amps: read.as_ref().ok().map(|read| read.1),
         trouble: told(off).or_else(|| told(read.map(|_| ()))),
         ..Output::default()
     };
     let quiet = output.off && output.amps.is_some_and(|amps| amps.abs() <= NO_CURRENT_A);
-    // What another way has ended is not off: it is told as what it is.
-    let off = output.off && by.is_none();
-    if quiet && off {
+    if quiet && by.is_none() {
         return Some(output);
     }
-    let mut bounds = if drive.is_dropped() { Vec::new() } else { drive.told().await };
+    let mut bounds = if drive.is_dropped() || out_of_step { Vec::new() } else { drive.told().await };
     if bounds.is_empty() {
         bounds.push(format!("nothing but its rating of {} A is known to bound it", drive.rating_a()));
     }
-    Some(Output { off, by: by.map(str::to_owned), bound: Some(bounds.join(", ")), ..output })
+    Some(Output { by: by.map(str::to_owned), bound: Some(bounds.join(", ")), ..output })
 }
 
 async fn open_relays(bath: Option<&mut Chiller>) -> Option<Result<(), LinkError>> {
@@ -341,5 +372,85 @@ async fn off(
 async fn fresh<D: Model + ?Sized>(instrument: &mut Instrument<D>) {
     if instrument.link_mut().is_dropped() {
         let _ = instrument.link_mut().reconnect().await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use instruments::clock::TimeMode;
+
+    use super::*;
+
+    /// An output that says that it is off, and carries a current until its set-point is zero.
+    struct Liar {
+        amps: f64,
+        in_step: bool,
+    }
+
+    impl Drive for Liar {
+        async fn off(&mut self) -> Result<(), LinkError> {
+            Ok(())
+        }
+
+        async fn read(&mut self) -> Result<(f64, f64), LinkError> {
+            Ok((3.7, self.amps))
+        }
+
+        fn ways(&self) -> Vec<Way> {
+            vec![Way { name: "its set-point at 0", script: Vec::new() }]
+        }
+
+        async fn go_way(&mut self, _: &Way) -> Result<(), LinkError> {
+            self.amps = if self.in_step { 0.0 } else { self.amps };
+            Ok(())
+        }
+
+        async fn told(&mut self) -> Vec<String> {
+            vec!["it is limited to 0 A".to_owned()]
+        }
+
+        fn rating_a(&self) -> f64 {
+            30.0
+        }
+
+        async fn renew(&mut self) {}
+
+        async fn in_step(&mut self) -> Result<(), LinkError> {
+            if self.in_step { Ok(()) } else { Err(LinkError::unexpected("load", "*IDN?", "3.70", "the identity of a m")) }
+        }
+
+        fn is_dropped(&mut self) -> bool {
+            false
+        }
+    }
+
+    fn ended(liar: Liar) -> Output {
+        let runtime = Clock::runtime(TimeMode::Virtual).unwrap();
+        let output = runtime.block_on(async {
+            let clock = Clock::start(TimeMode::Virtual);
+            let mut drive = Some(liar);
+            let word = end(&mut drive, &clock).await;
+            found(&mut drive, word, &clock).await
+        });
+        Output { role: "load".to_owned(), model: "m".to_owned(), ..output.unwrap() }
+    }
+
+    #[test]
+    fn a_word_that_was_wrong_stays_unbelieved_when_nothing_flows_any_more() {
+        let mut lied = BTreeMap::new();
+        let mut first = [ended(Liar { amps: 3.0, in_step: true })];
+        assert!(first[0].off && first[0].lied && first[0].amps == Some(0.0), "{first:?}");
+        remember(&mut lied, &mut first);
+        let mut second = [ended(Liar { amps: 0.0, in_step: true })];
+        assert!(second[0].verified());
+        remember(&mut lied, &mut second);
+        assert!(!second[0].verified() && second[0].by.as_deref() == Some("its set-point at 0"), "{second:?}");
+    }
+
+    #[test]
+    fn an_answer_to_another_question_is_no_current() {
+        let output = ended(Liar { amps: 3.7, in_step: false });
+        assert!(output.out_of_step && output.amps.is_none() && !output.verified(), "{output:?}");
+        assert_eq!(output.bound.as_deref(), Some("nothing but its rating of 30 A is known to bound it"));
     }
 }

@@ -105,12 +105,13 @@ impl Executor<'_> {
         loop {
             let left_s = end_s - self.clock.now_s();
             // A reading takes a while: one that would end too late comes right after the wait.
-            if left_s <= POLL_S + self.watch_took_s {
+            let poll_s = self.poll_s();
+            if left_s <= poll_s + self.watch_took_s {
                 self.read_before(left_s, fixture).await?;
                 self.clock.sleep_s(end_s - self.clock.now_s()).await;
                 return Ok(());
             }
-            self.clock.sleep_s(POLL_S).await;
+            self.clock.sleep_s(poll_s).await;
             let reading = self.timed_watch(fixture).await?;
             self.watch_mean((reading, end_s - self.clock.now_s() - self.watch_took_s)).await?;
         }

@@ -4,7 +4,10 @@
 use instruments::link::LinkError;
 
 use super::{ExecuteError, Executor, power::IDLE_CURRENT_A, require};
-use crate::{interlock::Reading, plan::LEEWAY_S};
+use crate::{
+    interlock::{NO_CURRENT_A, Reading},
+    plan::LEEWAY_S,
+};
 
 /// A supply follows its command, and shows so, after this time, s; the clocks of a burst of an hour differ by less.
 const FADES_S: f64 = 1.0;
@@ -39,7 +42,8 @@ impl Burst {
     /// # Errors
     /// [`ExecuteError::Disobeyed`].
     pub(super) fn over(&self, reading: &Reading) -> Result<(), ExecuteError> {
-        let Some(amps) = reading.current_a.filter(|amps| reading.time_s > self.ended_s && amps.abs() > IDLE_CURRENT_A) else {
+        let nothing_a = IDLE_CURRENT_A + NO_CURRENT_A;
+        let Some(amps) = reading.current_a.filter(|amps| reading.time_s > self.ended_s && amps.abs() > nothing_a) else {
             return Ok(());
         };
         let expected = format!("its burst to have ended {:.1} s ago", reading.time_s - self.ended_s);
@@ -116,7 +120,7 @@ mod tests {
         let read = |burst: &Burst, time_s, amps| {
             burst.over(&Reading { time_s, current_a: amps, ..Reading::default() }).map_err(|error| error.to_string())
         };
-        for (time_s, amps) in [(100.5, Some(1.0)), (103.5, Some(-0.15)), (103.5, None)] {
+        for (time_s, amps) in [(100.5, Some(1.0)), (103.5, Some(-0.25)), (103.5, None)] {
             assert_eq!(read(&burst, time_s, amps), Ok(()));
         }
         let text = "generator: expected its burst to have ended 2.5 s ago, measured -0.500 A";

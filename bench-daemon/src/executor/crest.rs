@@ -2,7 +2,7 @@
 
 use instruments::{mock::plant::Fixture, scope::Waveform};
 
-use super::{ExecuteError, Executor};
+use super::{ExecuteError, Executor, watch::drawn};
 use crate::interlock::{NO_CURRENT_A, Trip};
 
 /// No cell for which this bench is made has more at any frequency of a sweep, Ω. Its record tells the truth a moment later.
@@ -14,6 +14,9 @@ const SMOOTH: f64 = 0.5;
 /// Offset error of a channel, as a share of its range, and V (data sheets of 12-bit scopes: 0.5 % to 1 %, and 1 mV).
 const OFFSET_SHARE: f64 = 0.01;
 const OFFSET_V: f64 = 1.0e-3;
+
+/// Share of a record that noise may carry beyond a crest: 0.1 % of normal noise lies beyond 3.3 standard deviations, and a current that flows for less is a spike.
+const BEYOND: f64 = 1.0e-3;
 
 /// A record that is shorter than a whole period by this share of it counts as whole: two clocks differ by parts per million.
 const PERIOD_SLACK: f64 = 2.0e-3;
@@ -54,17 +57,28 @@ impl Executor<'_> {
         let greatest = 0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.experiment.bench.wiring.shunt.r_ohm;
         let time_s = self.clock.now_s();
         let scales = [below, above].map(|waveform| waveform.preamble.volts_per_div);
-        let first_a = self.first_mean.filter(|(first, _)| *first == scales).map(|(_, first_a)| first_a);
-        if first_a.is_none() {
-            self.first_mean = Some((scales, mean_a));
-        }
-        if let Some((what, value, greatest)) = direct((mean_a, greatest), (first_a, amplitude_a)) {
+        // On new scales the zeros of the channels are others: what had changed until then is carried over.
+        let (_, zero_a) = *self.first_mean.insert(match self.first_mean {
+            Some(first) if first.0 == scales => first,
+            _ => (scales, mean_a - self.mean_change_a),
+        });
+        // A channel that clips shows what is common to both, and is measured again.
+        let clips = [below, above].into_iter().any(|waveform| waveform.clipped_share() > 0.0);
+        let r_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        let crest_a = if clips { 0.0 } else { within(&current, mean_a * r_ohm) / r_ohm };
+        let crest = (crest_a > drawn(amplitude_a) + unsure_v / self.experiment.bench.wiring.shunt.r_ohm).then_some((
+            "crest of the cell current in a record",
+            crest_a,
+            drawn(amplitude_a),
+        ));
+        if let Some((what, value, greatest)) = direct((mean_a, greatest), (zero_a, amplitude_a)).or(crest) {
             if !smooth(&current) {
                 return Err(self.no_record("of the current"));
             }
             let trip = Trip::Limit { what, value, unit: "A", least: -greatest, greatest, time_s };
             return Err(trip.because(self.cause().await).into());
         }
+        self.mean_change_a = mean_a - zero_a;
         if fixture != Fixture::Cell {
             return Ok(());
         }
@@ -99,13 +113,20 @@ impl Executor<'_> {
 
 /// What is wrong with the mean of a record, and by how much it may be off, A; and with its change since the first record on the same scales. The zeros of the channels
 /// do not change from record to record, and the supply has shown that nothing flowed before the first.
-fn direct((mean_a, greatest): (f64, f64), (first_a, amplitude_a): (Option<f64>, f64)) -> Option<(&'static str, f64, f64)> {
-    let change = first_a.map(|first_a| {
-        let greatest = 0.1 * amplitude_a + NO_CURRENT_A;
-        ("change of the mean of the cell current from record to record", mean_a - first_a, greatest)
-    });
+fn direct((mean_a, greatest): (f64, f64), (zero_a, amplitude_a): (f64, f64)) -> Option<(&'static str, f64, f64)> {
+    let change = ("change of the mean of the cell current from record to record", mean_a - zero_a, 0.1 * amplitude_a + NO_CURRENT_A);
     let whole = ("mean of the cell current in a record", mean_a, greatest);
-    std::iter::once(whole).chain(change).find(|(_, value, greatest)| value.abs() > *greatest)
+    [whole, change].into_iter().find(|(_, value, greatest)| value.abs() > *greatest)
+}
+
+/// Distance from a middle within which all but [`BEYOND`] of the samples lie.
+fn within(samples: &[f64], middle: f64) -> f64 {
+    let mut distances: Vec<f64> = samples.iter().map(|v| (v - middle).abs()).collect();
+    let count = ((1.0 - BEYOND) * distances.len() as f64) as usize;
+    if count >= distances.len() {
+        return 0.0;
+    }
+    *distances.select_nth_unstable_by(count, f64::total_cmp).1
 }
 
 /// The samples of whole periods, of which one is so many.
@@ -148,11 +169,24 @@ mod tests {
 
     #[test]
     fn a_direct_current_shows_in_the_mean_and_earlier_in_its_change() {
-        let what = |mean_a, first_a| direct((mean_a, 0.7), (first_a, 1.0)).map(|(what, ..)| what.split(' ').next().unwrap_or_default());
+        let what = |mean_a, zero_a| direct((mean_a, 0.7), (zero_a, 1.0)).map(|(what, ..)| what.split(' ').next().unwrap_or_default());
         // The channels' own zeros may be half an ampere.
-        assert_eq!([what(0.5, None), what(0.5, Some(0.45)), what(-0.5, Some(-0.31))], [None, None, None]);
-        assert_eq!([what(0.71, None), what(-0.71, Some(-0.7))], [Some("mean"), Some("mean")]);
-        assert_eq!([what(0.5, Some(0.25)), what(-0.1, Some(0.15))], [Some("change"), Some("change")]);
+        assert_eq!([what(0.5, 0.5), what(0.5, 0.45), what(-0.5, -0.31)], [None, None, None]);
+        assert_eq!([what(0.71, 0.71), what(-0.71, -0.7)], [Some("mean"), Some("mean")]);
+        assert_eq!([what(0.5, 0.25), what(-0.1, 0.15)], [Some("change"), Some("change")]);
+    }
+
+    #[test]
+    fn an_oscillation_beside_the_sine_shows_in_its_crest_and_a_spike_does_not() {
+        let with = |amplitude: f64| -> Vec<f64> {
+            let beside = |k: f64| amplitude * (std::f64::consts::TAU * 0.21 * k).sin();
+            (0..10_000).map(|k| f64::from(k)).map(|k| 0.3 + (std::f64::consts::TAU * 0.001 * k).sin() + beside(k)).collect()
+        };
+        let mut spiked = with(0.0);
+        spiked[17] = 9.0;
+        assert!((within(&spiked, 0.3) - 1.0).abs() < 1.0e-3, "{}", within(&spiked, 0.3));
+        assert!(within(&with(2.0), 0.3) > 2.9);
+        assert_eq!(within(&[], 0.0), 0.0);
     }
 
     #[test]

@@ -8,7 +8,10 @@ use instruments::{
     units::{Amps, Celsius, Volts},
 };
 
-use super::{ExecuteError, Executor, POLL_S, require};
+use super::{
+    ExecuteError, Executor, POLL_S, require,
+    watch::{CHARGER_CURRENT, LOAD_CURRENT},
+};
 use crate::{
     config::LOAD_CUT_OFF_V,
     interlock::Reading,
@@ -132,6 +135,7 @@ impl Executor<'_> {
             let now_s = self.clock.now_s();
             self.judge("discharge", Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(-amps), temperature_c })?;
             self.look_back().await?;
+            self.others_off(&["load"]).await?;
             if volts <= until_v {
                 break;
             }
@@ -158,13 +162,15 @@ impl Executor<'_> {
         for poll in 1.. {
             self.clock.sleep_s(POLL_S).await;
             // The supply has no sense leads: the load's, with its input off, see the cell itself.
-            let volts = self.load_volts().await?.0;
+            let (volts, drawn_a) = self.load_volts().await?;
             let (terminal, amps) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(&error)?;
             let temperature_c = self.temperature_now_and_then().await?;
             let now_s = self.clock.now_s();
             let reading = Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(amps.value()), temperature_c };
             self.judge("charge", reading)?;
+            self.no_current(LOAD_CURRENT, drawn_a)?;
             self.look_back().await?;
+            self.others_off(&["load", "supply"]).await?;
             self.agree_with_charger(terminal.value(), (volts, amps.value()))?;
             if volts >= until_v {
                 break;
@@ -192,6 +198,7 @@ impl Executor<'_> {
             let temperature_c = self.temperature_now_and_then().await?;
             let now_s = self.clock.now_s();
             self.judge("rest", Reading { time_s: now_s, voltage_v: Some(volts), current_a, temperature_c })?;
+            self.idle_meters(drawn_a, fed.value()).await?;
             window.push_back((now_s, volts));
             while window.front().is_some_and(|(time_s, _)| now_s - time_s > SLOPE_SPAN_S) {
                 window.pop_front();
@@ -221,11 +228,19 @@ impl Executor<'_> {
 
     /// The cell's voltage before anything is switched on: a cell that is missing, reversed, ruined or too hot must not be driven.
     pub(super) async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
-        let volts = self.load_volts().await?.0;
+        let (volts, drawn_a) = self.load_volts().await?;
+        self.no_current(LOAD_CURRENT, drawn_a)?;
         let temperature_c = self.cell_temperature().await?;
         let reading = Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), temperature_c, ..Reading::default() };
         self.judge(phase, reading)?;
         Ok(volts)
+    }
+
+    /// While nothing flows each meter shows so by itself: two currents that cancel are two too many.
+    pub(super) async fn idle_meters(&mut self, drawn_a: f64, fed_a: f64) -> Result<(), ExecuteError> {
+        self.no_current(LOAD_CURRENT, drawn_a)?;
+        self.no_current(CHARGER_CURRENT, fed_a)?;
+        self.others_off(&["load", "supply"]).await
     }
 
     pub(super) async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {

@@ -11,6 +11,7 @@ use super::{
     ExecuteError, Executor, POLL_S,
     dc::{bound, follows},
     require,
+    watch::LOAD_CURRENT,
 };
 use crate::{
     config::LOAD_CUT_OFF_V,
@@ -90,7 +91,8 @@ impl Executor<'_> {
         let mut last_s = start_s;
         for poll in 1.. {
             self.clock.sleep_s(POLL_S).await;
-            let volts = self.load_volts().await?.0;
+            let (volts, drawn_a) = self.load_volts().await?;
+            self.no_current(LOAD_CURRENT, drawn_a)?;
             let (terminal, fed) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(&error)?;
             let fed_a = fed.value();
             self.keep("charge", &mut last_s, (volts, fed_a)).await?;
@@ -119,6 +121,7 @@ impl Executor<'_> {
             let temperature_c = self.temperature_now_and_then().await?;
             let reading = Reading { time_s, voltage_v: Some(volts), current_a: Some(fed_a - drawn_a), temperature_c };
             self.judge("rest", reading)?;
+            self.idle_meters(drawn_a, fed_a).await?;
             last_s = time_s;
             // Nothing flows: what the meters show is their zero error.
             self.push(time_s, (volts, 0.0));
@@ -132,6 +135,8 @@ impl Executor<'_> {
         let temperature_c = self.temperature_now_and_then().await?;
         self.judge(phase, Reading { time_s, voltage_v: Some(volts), current_a: Some(amps), temperature_c })?;
         self.look_back().await?;
+        // A charge reads the load too, as a voltmeter.
+        self.others_off(if amps < 0.0 { &["load"] } else { &["load", "supply"] }).await?;
         self.legs.charge_c += amps * (time_s - *last_s);
         *last_s = time_s;
         self.push(time_s, (volts, amps));

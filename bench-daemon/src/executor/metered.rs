@@ -14,6 +14,7 @@ use super::{
     require,
     trace::Zero,
     trace_rows::Recorded,
+    watch::LOAD_CURRENT,
 };
 use crate::{
     interlock::Reading,
@@ -221,13 +222,8 @@ impl Executor<'_> {
             return Ok(());
         }
         if !matches!(work.flowing, Flowing::Load { .. }) {
-            self.no_current("current of the load", drawn_a)?;
+            self.no_current(LOAD_CURRENT, drawn_a)?;
         }
-        let error = self.bench.error("supply");
-        if let Some(supply) = self.bench.supply.as_mut().filter(|_| work.flowing != Flowing::Supply) {
-            let (_, fed) = supply.measure().await.map_err(error)?;
-            self.no_current("current of the charger", fed.value())?;
-        }
-        Ok(())
+        self.others_off(if work.flowing == Flowing::Supply { &["load", "supply"] } else { &["load"] }).await
     }
 }

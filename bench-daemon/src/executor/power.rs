@@ -15,6 +15,8 @@ use crate::{
 
 /// With its command at zero the bipolar supply may drive this much, A: more is a zero error that wants trimming.
 pub(super) const IDLE_CURRENT_A: f64 = 0.2;
+/// Readings of which the mean is the zero of an ammeter: their noise counts as charge for as long as the sweep lasts.
+const ZERO_READINGS: u32 = 4;
 /// With every output off a control shows less than this, V: thermal voltages, and the zero error of a meter. Any cell shows more.
 const CONTROL_IDLE_V: f64 = 0.2;
 
@@ -22,7 +24,7 @@ impl Executor<'_> {
     pub(super) async fn power(&mut self, fixture: Fixture, step: &Step) -> Result<(), ExecuteError> {
         let Step::PowerUp { compliance_v, limit_a, .. } = *step else { return Ok(()) };
         self.powered_a = Some(limit_a);
-        self.first_mean = None;
+        (self.first_mean, self.mean_change_a) = (None, 0.0);
         self.power_up(fixture, &supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) }).await
     }
 
@@ -64,6 +66,8 @@ impl Executor<'_> {
             reading.temperature_c = self.cell_temperature().await?;
             self.idle = reading;
             self.judge("idle", reading)?;
+            let zero_a = self.zero_of_supply(reading.current_a.unwrap_or(0.0)).await?;
+            self.interlock.zero(zero_a);
         } else {
             self.refuse_a_cell(&format!("driving the {}", fixture_name(fixture))).await?;
         }
@@ -91,6 +95,16 @@ impl Executor<'_> {
             });
         }
         Ok(())
+    }
+
+    /// What the bipolar supply's ammeter shows with its output off, A: the mean of some readings, of which one is there already.
+    async fn zero_of_supply(&mut self, first_a: f64) -> Result<f64, ExecuteError> {
+        let mut sum_a = first_a;
+        for _ in 1..ZERO_READINGS {
+            let error = self.bench.error("supply4q");
+            sum_a += require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?.1.value();
+        }
+        Ok(sum_a / f64::from(ZERO_READINGS))
     }
 
     /// Reads the voltage at the jig, every output off, and refuses one that no control has. A reading that is not a number is refused too.

@@ -17,8 +17,6 @@ const CERTAIN: f64 = 5.0;
 const DRIVES: usize = 5;
 /// How long a cause is looked for before everything goes off: five instruments answer within half of it.
 const CAUSE: Duration = Duration::from_millis(500);
-/// Of a pair of readings half a period apart the second may come so much earlier or later, as a share of the period: a mean is off by a tenth of the amplitude then.
-const PAIR_UNSURE: f64 = 0.03;
 /// Pairs that must say the same before a mean trips.
 const PAIRS: usize = 2;
 /// What a reading takes at most as a rule, s.
@@ -31,6 +29,9 @@ const METER_GAIN: f64 = 1.1;
 const TEMPERATURE_EVERY: u32 = 10;
 /// Readings in a period from which on each of them must differ from the one before.
 const FOLLOWED: f64 = 5.0;
+/// What is judged of an instrument that is to carry nothing.
+pub(super) const LOAD_CURRENT: &str = "current of the load";
+pub(super) const CHARGER_CURRENT: &str = "current of the charger";
 /// The swing of the cell's voltage under a smaller amplitude may be lost between two digits of a voltmeter, A.
 const SEEN_A: f64 = 0.5;
 /// So far below the limit of a supply its current falls, and the voltage stands still, V.
@@ -104,10 +105,15 @@ impl Executor<'_> {
             if left_s <= 0.0 {
                 return Ok(());
             }
-            self.clock.sleep_s(left_s.min(POLL_S)).await;
+            self.clock.sleep_s(left_s.min(self.poll_s())).await;
             let reading = self.watch(phase, fixture).await?;
             self.watch_mean((reading, end_s - self.clock.now_s())).await?;
         }
+    }
+
+    /// Seconds until the next reading: where a slow current is followed, a share of its period.
+    pub(super) fn poll_s(&self) -> f64 {
+        self.interlock.allowed_mean().map_or(POLL_S, |mean| mean.poll_s().min(POLL_S))
     }
 
     /// One reading of the bipolar supply, judged.
@@ -132,6 +138,8 @@ impl Executor<'_> {
             }
             None => {
                 self.look_back().await?;
+                // The load was read as a voltmeter.
+                self.others_off(&["supply4q", "load"]).await?;
                 Ok(reading)
             }
         }
@@ -211,8 +219,8 @@ impl Executor<'_> {
             let (_, other) = require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?;
             let (other_s, took_s) = (self.clock.now_s(), self.clock.now_s() - asked_s);
             let unsure_s = (other_s - due_s).abs().max((took_s - one_took_s).abs());
-            trip = mean.judge(0.5 * (one_a + other.value()), other_s);
-            if trip.is_none() || unsure_s > PAIR_UNSURE * mean.period_s {
+            trip = mean.judge_pair(0.5 * (one_a + other.value()), unsure_s, other_s);
+            if trip.is_none() {
                 return Ok(());
             }
             (one_a, one_s, one_took_s) = (other.value(), other_s, took_s);
@@ -237,7 +245,7 @@ impl Executor<'_> {
             volts = seen;
             self.shown_v = Some(seen.value());
             // As a voltmeter it draws nothing.
-            self.no_current("current of the load", drawn.value())?;
+            self.no_current(LOAD_CURRENT, drawn.value())?;
         }
         let temperature_c = self.temperature_now_and_then().await?;
         Ok(Reading { time_s, voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
@@ -258,15 +266,32 @@ impl Executor<'_> {
             self.watch(phase, fixture).await?;
         } else if self.bench.load.is_some() {
             let (volts, drawn_a) = self.load_volts().await?;
-            self.no_current("current of the load", drawn_a)?;
+            self.no_current(LOAD_CURRENT, drawn_a)?;
             let temperature_c = self.temperature_now_and_then().await?;
             self.judge(phase, Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), temperature_c, ..Reading::default() })?;
         }
-        let error = self.bench.error("supply");
-        if let Some(supply) = self.bench.supply.as_mut() {
-            let (_, fed) = supply.measure().await.map_err(error)?;
-            self.no_current("current of the charger", fed.value())?;
+        self.others_off(&["supply4q", "load"]).await
+    }
+
+    /// Trips where a current flows through an instrument that the step does not use, whatever it says of its output. `used` are those that the step reads itself.
+    /// Where they were looked at less than a second ago they are not asked again.
+    pub(super) async fn others_off(&mut self, used: &[&str]) -> Result<(), ExecuteError> {
+        if self.clock.now_s() - self.others_s < POLL_S {
+            return Ok(());
         }
+        self.others_s = self.clock.now_s();
+        macro_rules! off {
+            ($role:literal, $field:ident, $what:expr) => {
+                let error = self.bench.error($role);
+                if let Some(instrument) = self.bench.$field.as_mut().filter(|_| !used.contains(&$role)) {
+                    let (_, amps) = instrument.measure().await.map_err(error)?;
+                    self.no_current($what, amps.value())?;
+                }
+            };
+        }
+        off!("supply4q", supply4q, "current of the bipolar supply");
+        off!("load", load, LOAD_CURRENT);
+        off!("supply", supply, CHARGER_CURRENT);
         Ok(())
     }
 
@@ -345,13 +370,13 @@ pub(super) fn drawn(amps: f64) -> f64 {
 
 /// What the mean of a sinusoid may be: the zero errors of supply and meter, and a tenth of its amplitude.
 fn mean(period_s: f64, amplitude_a: f64) -> Option<Mean> {
-    Some(Mean { period_s, greatest_a: (METER_GAIN - 1.0) * amplitude_a + NO_CURRENT_A })
+    Some(Mean { period_s, greatest_a: (METER_GAIN - 1.0) * amplitude_a + NO_CURRENT_A, amplitude_a: Some(amplitude_a) })
 }
 
 /// The same of a multisine: readings a second apart miss its faster lines, whose effective value is at most about half of the peak.
 fn multisine_mean(period_s: f64, peak_a: f64) -> Option<Mean> {
     let missed_a = CERTAIN * 0.5 * peak_a * (POLL_S / period_s).sqrt();
-    mean(period_s, peak_a).map(|mean| Mean { greatest_a: mean.greatest_a + missed_a, ..mean })
+    mean(period_s, peak_a).map(|mean| Mean { greatest_a: mean.greatest_a + missed_a, amplitude_a: None, ..mean })
 }
 
 /// The period of a sinusoid whose readings must move, s; none for one that is too fast or too small.

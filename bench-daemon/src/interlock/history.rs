@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use instruments::chiller;
 
-use super::{Limits, NET_CHARGE, Reading, Trip, judge, noise::Noise};
+use super::{Limits, NET_CHARGE, NO_CURRENT_A, Reading, Trip, judge, noise::Noise};
 
 /// What the interlock allows beside the limits of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -35,6 +35,8 @@ pub struct Mean {
     pub period_s: f64,
     /// Greatest magnitude of the mean over a period, A.
     pub greatest_a: f64,
+    /// Amplitude of the sinusoid, A; none for a current of several.
+    pub amplitude_a: Option<f64>,
 }
 
 impl Mean {
@@ -46,12 +48,23 @@ impl Mean {
     /// Half of the period, where two readings that far apart tell the mean: slower ones are followed reading by reading, and a faster one goes on too far while
     /// a reading is under way.
     pub fn pair_s(&self) -> Option<f64> {
-        (!self.followed() && self.period_s >= PAIR_S).then_some(0.5 * self.period_s)
+        (!self.followed() && self.period_s >= PAIR_S && self.amplitude_a.is_some()).then_some(0.5 * self.period_s)
+    }
+
+    /// Between two readings while the current is followed, s: often enough for a mean of each period.
+    pub fn poll_s(&self) -> f64 {
+        if self.followed() { self.period_s / POLLS } else { f64::INFINITY }
     }
 
     /// Judges a mean.
     pub fn judge(&self, value: f64, time_s: f64) -> Option<Trip> {
-        let greatest = self.greatest_a;
+        self.judge_pair(value, 0.0, time_s)
+    }
+
+    /// Judges the mean of two readings that are half a period apart, but for `unsure_s`: by so much of the amplitude it may be off, A·sin(π·f·unsure).
+    pub fn judge_pair(&self, value: f64, unsure_s: f64, time_s: f64) -> Option<Trip> {
+        let phase = (std::f64::consts::PI * unsure_s / self.period_s).min(std::f64::consts::FRAC_PI_2);
+        let greatest = self.greatest_a + self.amplitude_a.unwrap_or(0.0) * phase.sin();
         let what = "mean of the cell current";
         (!(-greatest..=greatest).contains(&value)).then_some(Trip::Limit { what, value, unit: "A", least: -greatest, greatest, time_s })
     }
@@ -61,8 +74,11 @@ impl Mean {
 const FEWEST: f64 = 4.0;
 /// Shortest period over which readings somewhat more than a second apart give a mean, s.
 const FOLLOWED_S: f64 = 5.0;
-/// Shortest period of which two readings half of it apart give the mean, s: 20 ms by which one comes late are a twenty-fifth.
-const PAIR_S: f64 = 0.5;
+/// Readings in a period that are aimed at, where it is followed: their own time taken, [`FEWEST`] come.
+const POLLS: f64 = 8.0;
+/// Shortest period of which two readings half of it apart give the mean, s. A record of a faster one is there 2 s after its beginning; 20 ms by which a reading comes
+/// late add 0.6 of the amplitude to the limit there.
+const PAIR_S: f64 = 0.1;
 
 /// What the step in work may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,6 +141,8 @@ pub struct Interlock {
     /// Temperatures within the window, with their bench times, s.
     temperatures: VecDeque<(f64, f64)>,
     charge_c: f64,
+    /// What the ammeter shows while nothing flows, A.
+    zero_a: f64,
     /// Current that was read last, with its bench time, s.
     current: Option<(f64, f64)>,
     /// Bench times, s, and currents, A, of one period of the sinusoid in work.
@@ -183,6 +201,7 @@ impl Interlock {
             logger,
             temperatures: VecDeque::new(),
             charge_c: 0.0,
+            zero_a: 0.0,
             current: None,
             period: VecDeque::new(),
             read_s: None,
@@ -206,7 +225,7 @@ impl Interlock {
     /// A step begins at `machine_s`.
     pub fn begin(&mut self, allowance: Allowance, machine_s: f64) {
         if !allowance.continues {
-            (self.charge_c, self.current) = (0.0, None);
+            (self.charge_c, self.zero_a, self.current) = (0.0, 0.0, None);
             (self.voltage, self.amps, self.temperature) = (Last::default(), Last::default(), Last::default());
             (self.noise.volts, self.noise.amps) = (Noise::default(), Noise::default());
             // What was not read while nothing flowed is not late.
@@ -314,11 +333,16 @@ impl Interlock {
             .or_else(|| limit("time without a cell temperature", age_s, self.settings.temperature_age_s))
     }
 
+    /// What the ammeter of the steps to come shows while their output is off, A: that is no charge. More than a zero error is none.
+    pub fn zero(&mut self, zero_a: f64) {
+        self.zero_a = if zero_a.abs() <= NO_CURRENT_A { zero_a } else { 0.0 };
+    }
+
     /// The trapezoidal rule.
     fn count_charge(&mut self, reading: &Reading) {
         let Some(current_a) = reading.current_a else { return };
         if let Some((before_s, before_a)) = self.current.replace((reading.time_s, current_a)) {
-            self.charge_c += 0.5 * (before_a + current_a) * (reading.time_s - before_s);
+            self.charge_c += (0.5 * (before_a + current_a) - self.zero_a) * (reading.time_s - before_s);
         }
     }
 

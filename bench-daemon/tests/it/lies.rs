@@ -137,3 +137,23 @@ fn a_direct_current_that_comes_up_in_a_fast_sweep_ends_it_soon() {
     // A fiftieth of an ampere a second: 0.2 A are there after 10 s.
     assert!(lived.over_s - lived.happened_s < 14.0, "{} s", lived.over_s - lived.happened_s);
 }
+
+/// Somebody switches on what the step does not use: its current never enters the step's own, and is seen all the same.
+#[test]
+fn a_load_that_sinks_beside_a_charge_and_a_charger_that_feeds_beside_a_sweep_are_seen() {
+    let reset = Files::brief(2).without(EXPERIMENT, "fixture_check");
+    let sweep = Files::short(60).without(EXPERIMENT, "fixture_check");
+    for (files, role, from_s, words) in [
+        (&reset, "load", 700, "interlock: current of the load "),
+        (&reset, "supply", 60, "interlock: current of the charger "),
+        (&sweep, "supply", 20, "interlock: current of the charger "),
+    ] {
+        let bench = files.text(BENCH);
+        let lived = live(files, ("second_client", role, &format!("{from_s} s\"\nvariant = 1 #")));
+        files.write(BENCH, &bench);
+        std::fs::remove_dir_all(files.path("run")).unwrap();
+        assert!(lived.ended.starts_with(words), "{role} from {from_s} s: {}", lived.ended);
+        assert_eq!((lived.code, lived.left_a, lived.witness.abuse.len()), (5, 0.0, 0), "{role}: {}", lived.ended);
+        assert!(lived.over_s - lived.happened_s < 3.0, "{role} from {from_s} s: {} s", lived.over_s - lived.happened_s);
+    }
+}

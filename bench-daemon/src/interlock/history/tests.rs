@@ -189,7 +189,7 @@ fn a_chiller_that_stopped_or_has_an_alarm_trips() {
 /// A sine of 1 A and 10 s that begins anew after 7 s: its mean over the last ten seconds is no mean of a period until a whole one was read.
 #[test]
 fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offset_still_trips() {
-    let mean = Some(Mean { period_s: 10.0, greatest_a: 0.2 });
+    let mean = Some(Mean { period_s: 10.0, greatest_a: 0.2, amplitude_a: Some(1.0) });
     let sine = |since_s: f64, offset_a: f64| {
         move |t: f64| (3.8 + 1.0e-3 * t.sin(), offset_a + (std::f64::consts::TAU * 0.1 * (t - since_s)).sin(), Some(25.0 + 0.01 * t))
     };
@@ -209,4 +209,31 @@ fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offs
     assert_eq!(both(&mut begun(), true), None);
     let tripped = play(&mut begun(), course(60, sine(0.0, 0.3)));
     assert!(tripped.is_some_and(|(text, time_s)| text.starts_with("mean of the cell current 0.3") && time_s <= 12.0));
+}
+
+#[test]
+fn a_pair_of_readings_at_unsure_times_is_judged_by_what_the_times_may_do() {
+    let mean = Mean { period_s: 0.4, greatest_a: 0.2, amplitude_a: Some(1.0) };
+    assert_eq!(mean.pair_s(), Some(0.2));
+    assert!(mean.judge_pair(0.25, 0.0, 1.0).is_some() && mean.judge_pair(0.25, 0.02, 1.0).is_none());
+    // 20 ms are a twentieth of the period: the limit is 0.2 A and 1 A · sin(π/20).
+    assert!(mean.judge_pair(0.35, 0.02, 1.0).is_none() && mean.judge_pair(-0.37, 0.02, 1.0).is_some());
+    assert_eq!(Mean { amplitude_a: None, ..mean }.pair_s(), None);
+    // A period of 5 s is read often enough for its mean even where a reading takes half a second.
+    assert!(Mean { period_s: 5.0, ..mean }.poll_s() + 0.5 < 5.0 / 4.0);
+}
+
+#[test]
+fn the_zero_of_an_ammeter_is_no_charge_and_more_than_a_zero_is() {
+    let net = |zero_a: f64| {
+        let mut interlock = live((-100.0, 100.0));
+        interlock.zero(zero_a);
+        let moving = |t: f64| (3.7 + 1.0e-5 * t, 0.04 + 0.001 * (t % 2.0), Some(25.0 + 0.001 * (t % 3.0)));
+        play(&mut interlock, course(4000, moving)).map(|(text, _)| text)
+    };
+    assert_eq!(net(0.0405), None);
+    // Not known, and not to be believed.
+    for zero_a in [0.0, 0.5] {
+        assert!(net(zero_a).is_some_and(|text| text.starts_with("net charge of the step 100.")), "{zero_a}");
+    }
 }
