@@ -107,8 +107,9 @@ pub(crate) fn all() -> Vec<Attack> {
         DISCHARGE_S,
         &[fault("load", StuckOutput), fault("load", FrozenMeter), fault("load", Lagging), fault("load", PowerCycle)],
     );
-    add(Job::Reset, DISCHARGE_S, &[Deed::Signal(0, SIGKILL)]);
+    add(Job::Reset, DISCHARGE_S, &[Deed::Signal(0, SIGKILL), Deed::Fault("supply", SecondClient, 1)]);
     add(Job::Reset, RECHARGE_S, &meddle("supply", 3));
+    add(Job::Reset, RECHARGE_S, &[Deed::Fault("load", SecondClient, 1)]);
     add(
         Job::Reset,
         RECHARGE_S,

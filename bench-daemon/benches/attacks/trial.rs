@@ -26,7 +26,7 @@ use nix::{
 };
 use num_complex::Complex64;
 
-use crate::list::{Attack, Deed, Job};
+use crate::list::{Attack, Deed, Job, RECHARGE_S};
 
 /// Bench time runs so many times as fast: deadlines of links are of the wall, so that a discharge, which nobody can wait for, loses ten times as long by them.
 fn factor(job: Job) -> f64 {
@@ -35,6 +35,8 @@ fn factor(job: Job) -> f64 {
 
 /// Between two looks at the true current, bench s.
 const SAMPLE_S: f64 = 0.05;
+/// Before the charge of a reset is surely under way the discharge may still be, s.
+const GOES_OVER_S: f64 = 200.0;
 /// Nothing flows, A.
 const NOTHING_A: f64 = 0.1;
 /// Longest wait for a process, of the wall.
@@ -105,11 +107,13 @@ impl Row {
     }
 }
 
-/// The least and the greatest current that the step in work asks for, A.
-fn asked_a(job: Job) -> (f64, f64) {
+/// The least and the greatest current that the step in work asks for at a bench time, A.
+fn asked_a(job: Job, time_s: f64) -> (f64, f64) {
     match job {
         Job::Slow | Job::Fast => (-1.0, 1.0),
-        // Its order is discharge, charge, rest: when the one goes over into the other is not known here.
+        // A discharge, then a charge: when the one has gone over into the other differs from run to run by some seconds.
+        Job::Reset if time_s < RECHARGE_S - GOES_OVER_S => (-5.0, 0.0),
+        Job::Reset if time_s > RECHARGE_S => (0.0, 3.0),
         Job::Reset => (-5.0, 3.0),
     }
 }
@@ -364,8 +368,10 @@ fn quiet_for(served: &Served, span_s: f64) -> bool {
 
 /// Charge beyond the envelope of the step, A·s, and the time from its first to its last instant, s.
 fn beyond(job: Job, samples: &[(f64, f64)]) -> (f64, f64) {
-    let (least, most) = asked_a(job);
-    let excess = |(_, amps): (f64, f64)| (1.1f64.mul_add(least, -NOTHING_A) - amps).max(amps - 1.1f64.mul_add(most, NOTHING_A)).max(0.0);
+    let excess = |(time_s, amps): (f64, f64)| {
+        let (least, most) = asked_a(job, time_s);
+        (1.1f64.mul_add(least, -NOTHING_A) - amps).max(amps - 1.1f64.mul_add(most, NOTHING_A)).max(0.0)
+    };
     let (mut charge, mut first, mut last) = (0.0, None, 0.0);
     for pair in samples.windows(2) {
         let over = excess(pair[1]);

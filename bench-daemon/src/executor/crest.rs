@@ -180,7 +180,7 @@ mod tests {
     fn an_oscillation_beside_the_sine_shows_in_its_crest_and_a_spike_does_not() {
         let with = |amplitude: f64| -> Vec<f64> {
             let beside = |k: f64| amplitude * (std::f64::consts::TAU * 0.21 * k).sin();
-            (0..10_000).map(|k| f64::from(k)).map(|k| 0.3 + (std::f64::consts::TAU * 0.001 * k).sin() + beside(k)).collect()
+            (0..10_000).map(f64::from).map(|k| 0.3 + (std::f64::consts::TAU * 0.001 * k).sin() + beside(k)).collect()
         };
         let mut spiked = with(0.0);
         spiked[17] = 9.0;

@@ -165,7 +165,7 @@ fn only_the_age_of_the_readings_saves_a_cell_whose_instruments_become_slow() {
         faults: "[faults]\nslow_answers = { from_s = 60.0, late_s = 1.5 }\nbipolar_drifts = { from_s = 100.0, a_per_s = 1.0, greatest_a = 12.0 }",
         common: &[],
         with: &[WEAK, (CELL, "\"15 s\"", "\"3 s\"")],
-        without: &[WEAK],
+        without: &[WEAK, (CELL, "\"15 s\"", "\"60 s\"")],
         trip: "time without a reading ",
         harm: AbuseKind::OverCharge,
     };
