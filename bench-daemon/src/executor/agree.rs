@@ -61,7 +61,7 @@ impl Executor<'_> {
 
     /// A bath that holds the cell is not far from it. While nothing can flow, or the temperature is to change, nothing is judged.
     pub(super) async fn agree_with_bath(&mut self) -> Result<(), ExecuteError> {
-        let judged = self.thermostat.is_none() && self.interlock.is_live() && !self.interlock.tempering();
+        let judged = self.interlock.is_live() && !self.interlock.tempering();
         let Some(cell_c) = self.last_c.filter(|celsius| celsius.is_finite() && judged) else { return Ok(()) };
         let Some(bath_c) = self.bath_c().await else { return Ok(()) };
         let warmer_k = if self.interlock.allowed_mean().is_some() { WARMER_K } else { f64::INFINITY };
@@ -72,7 +72,10 @@ impl Executor<'_> {
             what: "temperature",
             one: format!("thermocouple on the cell {cell_c:.2} °C"),
             other: format!("bath {bath_c:.2} °C"),
-            allowed: format!("{warmer_k} K where the cell is warmer, {COLDER_K} K where it is colder"),
+            allowed: match warmer_k.is_finite() {
+                true => format!("{warmer_k} K where the cell is warmer, {COLDER_K} K where it is colder"),
+                false => format!("{COLDER_K} K where the cell is colder"),
+            },
         })
     }
 

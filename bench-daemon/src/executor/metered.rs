@@ -183,19 +183,26 @@ impl Executor<'_> {
         let temperature_c = self.temperature_now_and_then().await?;
         let began_s = self.clock.now_s();
         let (volts, drawn_a) = self.load_volts().await?;
+        let mut terminal_v = None;
         let current_a = match work.flowing {
             // What the meters show is their zero error.
             Flowing::Nothing => 0.0,
             Flowing::Load { .. } => -drawn_a,
             Flowing::Supply => {
                 let error = self.bench.error("supply");
-                require(&mut self.bench.supply, "supply")?.measure().await.map_err(error)?.1.value()
+                let (terminal, fed) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(error)?;
+                terminal_v = Some(terminal.value());
+                fed.value()
             }
         };
         let now_s = self.clock.now_s();
         let shown_a = if work.flowing == Flowing::Nothing { -drawn_a } else { current_a };
         self.judge("trace", Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(shown_a), temperature_c })?;
         work.polls += 1;
+        // The first reading may still see what was before the step.
+        if let Some(terminal_v) = terminal_v.filter(|_| work.polls >= 2) {
+            self.agree_with_charger(terminal_v, (volts, current_a))?;
+        }
         self.nothing_else(work, drawn_a).await?;
         match work.flowing {
             Flowing::Nothing => {}
