@@ -113,7 +113,8 @@ fn asked_a(job: Job, time_s: f64) -> (f64, f64) {
         Job::Slow | Job::Fast => (-1.0, 1.0),
         // A discharge, then a charge: when the one has gone over into the other differs from run to run by some seconds.
         Job::Reset if time_s < RECHARGE_S - GOES_OVER_S => (-5.0, 0.0),
-        Job::Reset if time_s > RECHARGE_S => (0.0, 3.0),
+        // And a sweep behind it.
+        Job::Reset if time_s > RECHARGE_S => (-1.0, 3.0),
         Job::Reset => (-5.0, 3.0),
     }
 }
