@@ -364,7 +364,10 @@ impl<'a> Executor<'a> {
             (Some(config::Jig::Person), _) if self.mounted == Some((fixture, self.specimen.clone())) => {}
             (Some(config::Jig::Person), _) => {
                 let _person = self.clock.wait(None);
-                self.operator.mount(fixture, self.specimen.as_deref()).await?;
+                tokio::select! {
+                    mounted = self.operator.mount(fixture, self.specimen.as_deref()) => mounted?,
+                    ended = self.asked_to_end() => return Err(ended),
+                }
             }
             // Without a jig only the cell is ever asked for: it is what is in there.
             _ => {}

@@ -5,7 +5,7 @@ use instruments::{generator, instrument::by_key};
 use crate::{
     cli::PlanArgs,
     command::Failure,
-    config::{Experiment, load_experiment},
+    config::{Experiment, Jig, load_experiment},
     plan::{Flow, Leg, Plan, Step},
     procedure,
     terminal::{remark, say},
@@ -41,6 +41,26 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
     texts
 }
 
+/// The waits that no plan bounds, in words: those for a person who changes what is in the jig.
+fn persons(experiment: &Experiment, plan: &Plan) -> Option<String> {
+    if !matches!(experiment.bench.instruments.jig, Some(Jig::Person)) {
+        return None;
+    }
+    let mut asked: Vec<String> = Vec::new();
+    for step in plan.stages.iter().flat_map(|stage| &stage.steps).filter(|step| matches!(step, Step::Mount(_))) {
+        let text = step.to_string().trim().to_owned();
+        if !asked.contains(&text) {
+            asked.push(text);
+        }
+    }
+    (!asked.is_empty()).then(|| {
+        format!(
+            "beside that a person changes the fixture ({}): each change lasts until the person confirms it, every output off; `eis-bench abort` ends that wait",
+            asked.join(", ")
+        )
+    })
+}
+
 /// Prints the plan of an experiment.
 ///
 /// # Errors
@@ -64,6 +84,7 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
         wait.map_or_else(|| "none".to_owned(), text)
     };
     endings(&experiment, plan.plan()).iter().for_each(|text| say!("{text}"));
+    persons(&experiment, plan.plan()).iter().for_each(|text| say!("{text}"));
     say!("longest wait after `eis-bench pause`: {}; after `eis-bench abort`: {}", told(pause), told(end));
     Ok(())
 }

@@ -101,15 +101,14 @@ impl Executor<'_> {
             let now_s = self.clock.now_s();
             let temperature_c = self.cell_temperature().await?;
             self.judge("temperature", Reading { time_s: now_s, temperature_c, ..Reading::default() })?;
-            let met_c = temperature_c.unwrap_or(f64::NAN);
-            if (met_c - setpoint_c).abs() <= within_k {
+            if temperature_c.is_some_and(|met_c| (met_c - setpoint_c).abs() <= within_k) {
                 if now_s - *steady_since_s.get_or_insert(now_s) >= STEADY_S {
                     return Ok(());
                 }
             } else {
                 steady_since_s = None;
             }
-            bound(step, now_s - start_s, max_s, || format!("the cell is at {met_c:.2} °C"))?;
+            bound(step, now_s - start_s, max_s, || at_in_words(temperature_c))?;
             self.clock.sleep_s(REST_POLL_S).await;
         }
     }
@@ -252,6 +251,11 @@ impl Executor<'_> {
 
 pub(super) fn bound(step: &impl std::fmt::Display, passed_s: f64, max_s: f64, state: impl Fn() -> String) -> Result<(), ExecuteError> {
     if passed_s <= max_s { Ok(()) } else { Err(ExecuteError::Bound { step: step.to_string(), max_s, state: state() }) }
+}
+
+/// What a thermometer showed of the cell, in words.
+fn at_in_words(temperature_c: Option<f64>) -> String {
+    temperature_c.map_or_else(|| "no temperature was read".to_owned(), |met_c| format!("the cell is at {met_c:.2} °C"))
 }
 
 /// A current that does not come means a lead that is off, a fuse, a wrong cell: nothing to wait for.

@@ -12,6 +12,8 @@ use crate::{
 
 /// Seconds between two looks while the run waits.
 const PAUSE_POLL_S: f64 = 5.0;
+/// The same while a person is waited for, who may have asked for the end instead.
+const PERSON_POLL_S: f64 = 1.0;
 
 impl Executor<'_> {
     /// Waits as long as that is wanted, with every output off; what was powered before is powered again afterwards.
@@ -51,9 +53,24 @@ impl Executor<'_> {
         if self.clock.mode() == TimeMode::Virtual { Ok(()) } else { self.paused(false).map(|_| ()) }
     }
 
+    /// Waits for a request to end while a person changes the fixture, with every output off: without end where none comes, for a person may take as long as
+    /// that takes.
+    pub(super) async fn asked_to_end(&self) -> ExecuteError {
+        loop {
+            if self.clock.mode() == TimeMode::Virtual {
+                // Nobody is asked in virtual time, whose sleeps would take none.
+                return std::future::pending().await;
+            }
+            self.clock.sleep_s(PERSON_POLL_S).await;
+            if let Err(ended) = self.heed_abort() {
+                return ended;
+            }
+        }
+    }
+
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        // What is begun again afterwards is written down again.
-        (self.announced, self.ahead) = (None, None);
+        // What is begun again afterwards is written down again, and told to the scope again: a person may have been at its panel.
+        (self.announced, self.ahead, self.armed) = (None, None, None);
         self.bench.made_safe().await.map_err(crate::bench::BenchError::from)?;
         self.recorder.journal(Entry::Safe)?;
         self.recorder.journal(Entry::Paused)?;
