@@ -199,7 +199,7 @@ impl Failure {
             Self::State(StateError::Latched { .. }) => 7,
             Self::Going(_) | Self::State(StateError::Busy { .. }) | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,
             Self::State(StateError::Io { .. } | StateError::Nowhere) | Self::Guardian(GuardianError::State(_)) => 2,
-            Self::Guardian(GuardianError::Bench(_) | GuardianError::Refused(_)) => 3,
+            Self::Guardian(GuardianError::Bench(_) | GuardianError::Refused(_) | GuardianError::Unreached(_)) => 3,
             Self::Guardian(_) => 9,
             Self::Differs(_) => 10,
             Self::Refused { .. } => 11,

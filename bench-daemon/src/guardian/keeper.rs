@@ -56,6 +56,9 @@ pub enum GuardianError {
     /// It says why it cannot watch.
     #[error("{0}")]
     Refused(String),
+    /// It cannot watch as long as the wire to an instrument is as it is.
+    #[error("{0}")]
+    Unreached(String),
     /// It cannot be started.
     #[error("expected to start the guardian, the system says: {0}")]
     Start(#[source] std::io::Error),
@@ -70,9 +73,20 @@ pub enum GuardianError {
     GaveUp,
 }
 
+impl GuardianError {
+    /// It does not reach an instrument, because of the wire or of one answer: nobody was let near an output, and the next attempt may find all of them.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::Unreached(_) => true,
+            Self::Bench(BenchError::Link { source, .. }) => source.may_pass(),
+            _ => false,
+        }
+    }
+}
+
 enum Heard {
     Ready,
-    Refused(String),
+    Refused(GuardianError),
     Silent,
     Gone,
 }
@@ -85,6 +99,9 @@ pub struct Keeper {
 }
 
 impl Keeper {
+    /// What a guardian says behind its refusal where that is for a fault of the wire, which may pass.
+    pub const MAY_PASS: &str = "may pass";
+
     /// Starts a guardian and waits until it has proven that it can reach its instruments. `clock` is the executor's, whose progress renews the lease.
     ///
     /// # Errors
@@ -108,7 +125,7 @@ impl Keeper {
         let mut keeper = Self { heard, goodbye, pid };
         match clock.deadline(START, keeper.heard.recv()).await {
             Ok(Some(Heard::Ready)) => Ok(keeper),
-            Ok(Some(Heard::Refused(reason))) => Err(GuardianError::Refused(reason)),
+            Ok(Some(Heard::Refused(error))) => Err(error),
             Ok(_) => Err(GuardianError::Lost("at its start")),
             Err(_) => Err(GuardianError::Silent),
         }
@@ -185,19 +202,24 @@ fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
 
 /// Hears what the guardian says until it has ended.
 fn listen((mut child, stdout): (Child, ChildStdout), tell: &UnboundedSender<Heard>, answers: &AtomicU64) {
+    let mut refused: Option<GuardianError> = None;
     for line in BufReader::new(stdout).lines() {
         let Ok(line) = line else { break };
-        let heard = match line.strip_prefix(REFUSED) {
-            Some(reason) => Heard::Refused(reason.to_owned()),
-            None if line == READY => Heard::Ready,
-            None => {
-                answers.fetch_add(1, Ordering::Relaxed);
-                continue;
-            }
-        };
-        let _ = tell.send(heard);
+        if let Some(reason) = line.strip_prefix(REFUSED) {
+            // Whether that may pass follows.
+            refused = Some(GuardianError::Refused(reason.to_owned()));
+        } else if line == Keeper::MAY_PASS {
+            refused = refused.map(|error| GuardianError::Unreached(error.to_string()));
+        } else if line == READY {
+            let _ = tell.send(Heard::Ready);
+        } else {
+            answers.fetch_add(1, Ordering::Relaxed);
+        }
     }
     let _ = child.wait();
+    if let Some(error) = refused {
+        let _ = tell.send(Heard::Refused(error));
+    }
     let _ = tell.send(Heard::Gone);
 }
 

@@ -26,31 +26,37 @@ pub(super) struct Budget {
     policy: Perseverance,
     passing: usize,
     others: usize,
-    /// Points that were finished when it went on last, when that was, bench s, and how often nothing was done in between.
+    /// Points that were finished when it went on last, when that was, bench s, how often nothing was done in between, and how often of these it had come so far
+    /// that an output might have been on.
     points: usize,
     since_s: f64,
     stalled: usize,
+    driven: usize,
 }
 
-/// What comes again and again with nothing done in between does not pass.
+/// What comes again and again behind an output that was on, with nothing done in between, does not pass.
 const MOST_STALLED: usize = 2;
+/// The wait before it goes on is doubled so often at most.
+const MOST_DOUBLED: usize = 6;
 /// A step that takes long is done in part, s.
 const DONE_S: f64 = 600.0;
 
 impl Budget {
     pub(super) fn of(policy: Perseverance) -> Self {
-        Self { policy, passing: 0, others: 0, points: 0, since_s: f64::NEG_INFINITY, stalled: 0 }
+        Self { policy, passing: 0, others: 0, points: 0, since_s: f64::NEG_INFINITY, stalled: 0, driven: 0 }
     }
 
     /// The wait before it goes on after this failure, with so many points finished at `now_s`, s, and in words which time it is; none where it does not. What comes
-    /// again with nothing done in between does not pass at once.
+    /// again with nothing done in between does not pass at once: each wait is twice the one before, and behind an output that was on there is no third. An instrument that
+    /// was not even reached is waited for as long as the budget lasts: nothing was switched on.
     fn next(&mut self, failure: &Failure, points: usize, now_s: f64) -> Option<(f64, String)> {
         let moved = points > self.points || now_s - self.since_s > DONE_S;
-        self.stalled = if moved { 0 } else { self.stalled + 1 };
+        (self.stalled, self.driven) = if moved { (0, 0) } else { (self.stalled + 1, self.driven + usize::from(!unreached(failure))) };
         (self.points, self.since_s) = (points, now_s);
-        if passes(failure) && self.passing < self.policy.passing && self.stalled < MOST_STALLED {
+        if passes(failure) && self.passing < self.policy.passing && self.driven < MOST_STALLED {
             self.passing += 1;
-            return Some((self.policy.pause_s, format!("{} of {} for faults that pass", self.passing, self.policy.passing)));
+            let wait_s = self.policy.pause_s * f64::from(1 << self.stalled.min(MOST_DOUBLED));
+            return Some((wait_s, format!("{} of {} for faults that pass", self.passing, self.policy.passing)));
         }
         if may_pass(failure) && self.others < self.policy.most {
             self.others += 1;
@@ -62,12 +68,19 @@ impl Budget {
 
 /// A fault of the wire or of one answer.
 fn passes(failure: &Failure) -> bool {
-    let (Failure::Bench(BenchError::Link { source, .. }) | Failure::Execute(ExecuteError::Bench(BenchError::Link { source, .. }))) =
-        failure
-    else {
-        return false;
-    };
-    source.may_pass()
+    match failure {
+        Failure::Bench(BenchError::Link { source, .. }) | Failure::Execute(ExecuteError::Bench(BenchError::Link { source, .. })) => {
+            source.may_pass()
+        }
+        // The next guardian connects before anybody else.
+        Failure::Guardian(error) => error.may_pass(),
+        _ => false,
+    }
+}
+
+/// It came while the bench was connected to: no output was on by this run since it was verified to be off.
+fn unreached(failure: &Failure) -> bool {
+    matches!(failure, Failure::Bench(_) | Failure::Guardian(_))
 }
 
 /// Whatever an instrument did, as long as no limit of the cell was touched and every output is off. A person, a file, a plan and a control that is wrong do not
@@ -77,7 +90,7 @@ fn may_pass(failure: &Failure) -> bool {
         failure,
         Failure::Bench(BenchError::Link { .. })
             // The next guardian does not reach an instrument that is away for longer.
-            | Failure::Guardian(GuardianError::Refused(_) | GuardianError::Bench(_))
+            | Failure::Guardian(GuardianError::Refused(_) | GuardianError::Unreached(_) | GuardianError::Bench(_))
             | Failure::Execute(
                 ExecuteError::Bench(BenchError::Link { .. })
                     | ExecuteError::Disobeyed { .. }
@@ -161,21 +174,42 @@ impl Session {
 mod tests {
     use super::*;
 
+    fn lost() -> BenchError {
+        let source = instruments::link::LinkError::Dropped { link: "scope".to_owned(), why: String::new() };
+        BenchError::Link { role: "scope", model: String::new(), source: Box::new(source) }
+    }
+
+    /// The waits before six attempts; `at` gives finished points and time, s, of each failure.
+    fn waits(most: usize, at: impl Fn(usize) -> (Failure, usize, f64)) -> Vec<Option<f64>> {
+        let mut budget = Budget::of(Perseverance { passing: 5, pause_s: 5.0, most, after_s: 300.0 });
+        let next = |k| {
+            let (failure, points, now_s) = at(k);
+            budget.next(&failure, points, now_s).map(|(wait_s, _)| wait_s)
+        };
+        (1..=6).map(next).collect()
+    }
+
     #[test]
     fn what_comes_again_with_nothing_done_in_between_passes_later_or_not_at_all() {
-        let lost = || {
-            let source = instruments::link::LinkError::Dropped { link: "scope".to_owned(), why: String::new() };
-            Failure::Bench(BenchError::Link { role: "scope", model: String::new(), source: Box::new(source) })
-        };
-        let budget = |most| Budget::of(Perseverance { passing: 5, pause_s: 5.0, most, after_s: 300.0 });
-        let waits = |mut budget: Budget, at: &dyn Fn(usize) -> (usize, f64)| -> Vec<Option<f64>> {
-            (1..=6).map(|k| budget.next(&lost(), at(k).0, at(k).1).map(|(wait_s, _)| wait_s)).collect()
-        };
+        let driven = || Failure::Execute(ExecuteError::Bench(lost()));
         let five = [Some(5.0), Some(5.0), Some(5.0), Some(5.0), Some(5.0), None];
         // A point each, or ten minutes of a discharge.
-        assert_eq!(waits(budget(0), &|k| (k, 20.0 * k as f64)), five);
-        assert_eq!(waits(budget(0), &|k| (0, 700.0 * k as f64)), five);
-        assert_eq!(waits(budget(0), &|k| (3, 30.0 * k as f64))[..3], [Some(5.0), Some(5.0), None]);
-        assert_eq!(waits(budget(2), &|k| (3, 30.0 * k as f64)), [Some(5.0), Some(5.0), Some(300.0), Some(300.0), None, None]);
+        assert_eq!(waits(0, |k| (driven(), k, 20.0 * k as f64)), five);
+        assert_eq!(waits(0, |k| (driven(), 0, 700.0 * k as f64)), five);
+        assert_eq!(waits(0, |k| (driven(), 3, 30.0 * k as f64))[..3], [Some(5.0), Some(10.0), None]);
+        assert_eq!(waits(2, |k| (driven(), 3, 30.0 * k as f64)), [Some(5.0), Some(10.0), Some(300.0), Some(300.0), None, None]);
+    }
+
+    #[test]
+    fn a_drop_of_two_minutes_is_outlived_where_the_guardian_or_the_daemon_does_not_even_reach_the_bench() {
+        let growing = [Some(5.0), Some(10.0), Some(20.0), Some(40.0), Some(80.0), None];
+        // The first fault was met while a current flowed.
+        let first = |k, other: Failure| if k == 1 { Failure::Execute(ExecuteError::Bench(lost())) } else { other };
+        let unreached = || Failure::Guardian(GuardianError::Unreached("generator: no answer".to_owned()));
+        assert_eq!(waits(0, |k| (first(k, unreached()), 3, 30.0 * k as f64)), growing);
+        assert_eq!(waits(0, |k| (first(k, Failure::Bench(lost())), 3, 30.0 * k as f64)), growing);
+        // What a guardian refuses for another reason does not pass by itself.
+        let refused = || Failure::Guardian(GuardianError::Refused("another model".to_owned()));
+        assert_eq!(waits(0, |k| (first(k, refused()), 3, 30.0 * k as f64))[..2], [Some(5.0), None]);
     }
 }
