@@ -39,13 +39,7 @@ pub struct SafeArgs {
 pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
     let bench = load_any_bench(&args.config)?;
     if bench.in_process() {
-        let message = format!("{} is simulated in the process that runs it: there is nothing to switch off", bench.name);
-        if args.json {
-            let report = SafeReport { bench: bench.name, verified: true, message, outputs: Vec::new() };
-            say!("{}", serde_json::to_string(&report).unwrap_or_default());
-        } else {
-            say!("{message}");
-        }
+        simulated(bench.name, args.json);
         return Ok(());
     }
     // A state folder that cannot be written must not keep anybody from switching off.
@@ -69,7 +63,7 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         }
         // Where somebody else holds the connections, that nothing is known is no reason to latch: he is asked to end, and has a guardian.
         let latch = state.filter(|_| gone);
-        switch_off((&bench, &clock), latch, args.json).await.inspect_err(|_| {
+        let off = switch_off((&bench, &clock), latch, args.json).await.inspect_err(|_| {
             if !gone {
                 remark!("eis-bench: instruments that take one client answer only after the process that runs the bench has ended: --kill ends it");
             }
@@ -80,7 +74,7 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         if ended(state, &clock, ENDS_S.1).await {
             guarded(state, &clock).await;
             remark!("the process that ran the bench has ended by now; once more:");
-            return switch_off((&bench, &clock), state, args.json).await;
+            return switch_off((&bench, &clock), state, args.json).await.map(drop);
         }
         let failures = match runner(state) {
             Runner::Unknown(why) => format!("everything was off, but {UNKNOWN}, and it may switch on again: {why}"),
@@ -88,8 +82,36 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
                 "everything was off, but the process that runs the bench does not end and may switch on again: --kill ends it".to_owned()
             }
         };
+        // The last line is what a machine goes by.
+        tell(&SafeReport { verified: false, message: failures.clone(), ..off }, args.json);
         Err(Failure::Unsafe { failures, cause: String::new() })
     })
+}
+
+/// Says of a bench that lives in the process that runs it that there is nothing to ask: nobody has read anything back, so that nothing is verified.
+fn simulated(bench: String, json: bool) {
+    let message = format!("{bench} is simulated in the process that runs it: there is nothing to switch off and nothing to read back");
+    if json {
+        let report = SafeReport { bench, verified: false, message, outputs: Vec::new() };
+        say!("{}", serde_json::to_string(&Simulated { report, simulated: true }).unwrap_or_default());
+    } else {
+        say!("{message}");
+    }
+}
+
+/// The report of a bench that has no outputs outside the process that runs it.
+#[derive(serde::Serialize)]
+struct Simulated {
+    #[serde(flatten)]
+    report: SafeReport,
+    simulated: bool,
+}
+
+/// Prints a report as a line of JSON, where that is asked for.
+fn tell(report: &SafeReport, json: bool) {
+    if json {
+        say!("{}", serde_json::to_string(report).unwrap_or_default());
+    }
 }
 
 const UNKNOWN: &str = "whether a process runs the bench is not known";
@@ -156,16 +178,15 @@ fn end(holder: &Holder, how: Signal) {
 }
 
 /// Switches off and prints what was read back, a line for each instrument, or the report as it is.
-async fn switch_off((config, clock): (&config::Bench, &Clock), state: Option<&State>, json: bool) -> Result<(), Failure> {
+async fn switch_off((config, clock): (&config::Bench, &Clock), state: Option<&State>, json: bool) -> Result<SafeReport, Failure> {
     let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps: BTreeMap::new() };
     let mut bench = Bench::unconnected(config, &connections)?;
     let report = bench.safe_state().await;
-    if json {
-        say!("{}", serde_json::to_string(&report).unwrap_or_default());
-    } else {
+    tell(&report, json);
+    if !json {
         report.outputs.iter().for_each(|output| say!("{}", output.line()));
     }
-    let Err(unproven) = report.proven() else { return Ok(()) };
+    let Err(unproven) = report.clone().proven() else { return Ok(report) };
     let failure = Failure::from(unproven);
     if let Some(Err(error)) = state.map(|state| state.latch(&Latched::new("safe", &failure.to_string()))) {
         remark!("eis-bench: {error}");
