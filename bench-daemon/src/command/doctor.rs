@@ -16,7 +16,7 @@ use crate::{
     bench::{Bench, Connections},
     command::{
         Failure,
-        run::{StopSignals, caught},
+        run::{StopSignals, caught, nobody_drives},
     },
     config::{self, Source, load_any_bench},
     custody::Custody,
@@ -294,10 +294,14 @@ impl Visit<'_> {
                 return Ok(findings);
             }
         };
-        let bench = match Bench::open(self.config, connections).await {
+        let mut bench = match Bench::open(self.config, connections).await {
             Ok(bench) => bench,
             Err(error) => return custody.end(Err(error.into())).await,
         };
+        // Nothing was changed yet, and what another program has switched on is not the doctor's to switch off.
+        if let Err(failure) = nobody_drives(&mut bench).await {
+            return custody.end(Err(failure)).await;
+        }
         let mut examination = Examination::new((self.config, self.clock.clone()), bench, findings);
         let examined = tokio::select! {
             examined = caught(self.examine(&mut examination)) => examined,

@@ -24,6 +24,7 @@ use std::{
 pub(crate) use again::{Again, Beside, Known, Recorded, on_all_cores};
 use analysis::{calibration::Correction, spectrum::Spectrum};
 pub(crate) use past::{Past, begun_experiment};
+pub(crate) use play::nobody_drives;
 pub(crate) use stop::{StopSignals, caught};
 
 use crate::terminal::say;

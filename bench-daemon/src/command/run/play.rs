@@ -44,7 +44,7 @@ pub(super) struct Run<'a> {
 }
 
 /// Refuses a bench on which something is switched on that can move charge: another program may be at it, and nothing was changed yet.
-async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
+pub(crate) async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
     let found = reconcile::look(bench).await?;
     // A bipolar supply that knows no off stands at zero while its generator does.
     let commanded = found.iter().any(|found| found.role == "generator" && !found.off);
@@ -59,7 +59,7 @@ async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
     match driven {
         None => Ok(()),
         Some(found) => Err(Failure::Usage(format!(
-            "expected every output off before a run, {found}: if no other program uses this bench, `eis-bench safe` switches it off"
+            "expected every output off at the beginning, {found}: if no other program uses this bench, `eis-bench safe` switches it off"
         ))),
     }
 }
