@@ -40,7 +40,8 @@ pub struct ReplayArgs {
 /// Replays runs.
 ///
 /// # Errors
-/// A folder that cannot be read as a run; a capture that is damaged or cannot be analysed.
+/// A folder that cannot be read as a run; a capture that is damaged or cannot be analysed; [`Failure::Refused`], once everything is written, where the quality gate
+/// refuses points of what was asked for with `--out`.
 pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     let (described, named): (Vec<PathBuf>, Vec<PathBuf>) =
         args.runs.iter().cloned().partition(|path| path.extension().is_some_and(|end| end == "toml"));
@@ -48,14 +49,16 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
         captures::replay(file, args.out.as_deref())?;
     }
     let folders = run_folders(&named)?;
+    let mut count = 0;
     for folder in &folders {
         let out = args.out.as_ref().map(|out| {
             let own = folder.file_name().map_or_else(PathBuf::new, PathBuf::from);
             if folders.len() > 1 { out.join(own) } else { out.clone() }
         });
-        of_run(folder, out.as_deref())?;
+        count += of_run(folder, out.as_deref())?;
     }
-    Ok(())
+    // What is written is a run folder like any other; whoever reads nothing but the exit code must know.
+    if count > 0 && args.out.is_some() { Err(Failure::Refused { count }) } else { Ok(()) }
 }
 
 /// Rates at which the captures of a run are read, decoded and analysed, each on all cores, in lines of a table.
@@ -123,7 +126,8 @@ fn below(folder: &Path, all: &mut Vec<PathBuf>) -> Result<(), Failure> {
     folders.iter().try_for_each(|folder| below(folder, all))
 }
 
-fn of_run(folder: &Path, out: Option<&Path>) -> Result<(), Failure> {
+/// One run; how many points of it the quality gate refuses.
+fn of_run(folder: &Path, out: Option<&Path>) -> Result<usize, Failure> {
     let recorded = Recorded::read(folder)?;
     let known = recorded.points()?;
     let clock = Clock::start(TimeMode::Real);
@@ -153,13 +157,13 @@ fn of_run(folder: &Path, out: Option<&Path>) -> Result<(), Failure> {
     let scratch = Scratch::new("replay")?;
     let goal = out.unwrap_or(scratch.path());
     let points: Vec<_> = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
-    recorded.settle(&points, goal, out.is_some() && recorded.stopped().is_none())?;
+    let beside = recorded.settle(&points, goal, out.is_some() && recorded.stopped().is_none())?;
     tell(folder, goal)?;
     if let Some(out) = out {
         tidy(out)?;
         say!("  written: {}", out.display());
     }
-    Ok(())
+    Ok(beside.refused)
 }
 
 /// Compares the spectra of the index.

@@ -188,6 +188,7 @@ impl Recorded {
             gathered.finish(&mut recorder, of, settled, true)?;
         }
         let measured = gathered.whole(&recorder)?;
+        beside.refused = measured.refused();
         if whole {
             results::write(&mut recorder, &self.experiment, &measured)?;
         }

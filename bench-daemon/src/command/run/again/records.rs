@@ -30,6 +30,8 @@ pub(crate) struct Beside {
     pub(crate) lines: usize,
     /// Rows of traces.
     pub(crate) rows: usize,
+    /// Points that the quality gate has refused.
+    pub(crate) refused: usize,
     /// Files of traces that have no capture.
     pub(crate) as_read: Vec<String>,
     /// Files of traces that have captures, of a version that did not write down what was commanded.
