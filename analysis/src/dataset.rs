@@ -304,12 +304,32 @@ pub fn write_spectrum_csv(path: &Path, points: &[ImpedancePoint]) -> Result<(), 
 
 /// Writes a spectrum as CSV with the errors that its points share: behind [`SPECTRUM_COLUMNS`] two columns per error, `shared_re_ohm[NAME]` and
 /// `shared_im_ohm[NAME]`, the deviation of the point by one standard deviation of the error, Ω. The standard deviations of the points hold them.
+/// `flags` follow as [`write_flagged_spectrum_csv`] has them, where a point was refused; none are given for a spectrum without a gate.
 ///
 /// # Errors
 /// [`DatasetError::Io`].
-pub fn write_whole_spectrum_csv(path: &Path, spectrum: &Spectrum) -> Result<(), DatasetError> {
-    let (header, rows) = crate::formats::shared::columns(spectrum);
+pub fn write_whole_spectrum_csv(path: &Path, spectrum: &Spectrum, flags: &[String]) -> Result<(), DatasetError> {
+    let (mut header, mut rows) = crate::formats::shared::columns(spectrum);
+    if is_flagged(flags) {
+        header.push_str(FLAGS);
+        rows.iter_mut().zip(flags).for_each(|(row, flag)| row.push_str(&flag_field(flag)));
+    }
     rows::write_csv_with(path, &spectrum.points, (&header, &rows))
+}
+
+/// The column of what a gate has refused, in a header.
+const FLAGS: &str = ",flags";
+/// The same in Parquet.
+const FLAGS_COLUMN: ColumnSpec = ColumnSpec { name: "flags", unit: "1", doc: "why a quality gate refused the point; empty for the others" };
+
+/// Whether any point was refused.
+fn is_flagged(flags: &[String]) -> bool {
+    flags.iter().any(|flag| !flag.is_empty())
+}
+
+/// Reasons as the last field of a line.
+fn flag_field(flag: &str) -> String {
+    format!(",{}", flag.replace([',', '"', '\n'], " "))
 }
 
 /// Writes a spectrum as CSV with a column `flags` behind [`SPECTRUM_COLUMNS`]: why a point was refused, reasons separated by `; `; empty for the others.
@@ -317,8 +337,8 @@ pub fn write_whole_spectrum_csv(path: &Path, spectrum: &Spectrum) -> Result<(), 
 /// # Errors
 /// [`DatasetError::Io`].
 pub fn write_flagged_spectrum_csv(path: &Path, points: &[ImpedancePoint], flags: &[String]) -> Result<(), DatasetError> {
-    let rows: Vec<String> = flags.iter().map(|flag| format!(",{}", flag.replace([',', '"', '\n'], " "))).collect();
-    rows::write_csv_with(path, points, (",flags", &rows))
+    let rows: Vec<String> = flags.iter().map(|flag| flag_field(flag)).collect();
+    rows::write_csv_with(path, points, (FLAGS, &rows))
 }
 
 /// Appends one point to a spectrum in CSV, or starts the file; it is on disk when this returns. A torn last line is removed first.
@@ -343,6 +363,17 @@ pub fn read_spectrum_csv(path: &Path) -> Result<Vec<ImpedancePoint>, DatasetErro
 /// [`DatasetError::Io`], [`DatasetError::Parquet`].
 pub fn write_spectrum_parquet(path: &Path, points: &[ImpedancePoint]) -> Result<(), DatasetError> {
     rows::write_parquet(path, points)
+}
+
+/// Writes a spectrum as Parquet with a column `flags` behind [`SPECTRUM_COLUMNS`], as [`write_flagged_spectrum_csv`]; without it where no point was refused.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Parquet`].
+pub fn write_flagged_spectrum_parquet(path: &Path, points: &[ImpedancePoint], flags: &[String]) -> Result<(), DatasetError> {
+    if !is_flagged(flags) || flags.len() != points.len() {
+        return rows::write_parquet(path, points);
+    }
+    rows::write_parquet_with(path, points, (FLAGS_COLUMN, flags))
 }
 
 /// Reads a spectrum from Parquet.

@@ -71,7 +71,7 @@ Exit codes:
   8  another process runs the bench, or the guardian of an earlier run is still at work on it
   9  the guardian cannot be started or was lost; the bench was brought into safe state
   10 a run folder is not what it was, or its numbers do not follow from its captures
-  11 the run is finished, and the quality gate refused points of it: see the column `flags` of its spectra
+  11 the run, or what was recomputed of it, is finished, and the quality gate refused points: see the column `flags` of its spectra
   12 the diagnosis is finished, and its verdict is that the data are invalid
   130  stopped by Ctrl-C, Ctrl-Z, SIGTERM, `eis-bench abort` or the end of the terminal; the bench was brought into safe state";
 
@@ -242,6 +242,9 @@ pub struct FitArgs {
     /// Leave out what is above this frequency, Hz.
     #[arg(long, default_value_t = f64::INFINITY, value_name = "HZ", hide_default_value = true)]
     pub to_hz: f64,
+    /// Fit points that the quality gate of their measurement refused, too: those of the column `flags`.
+    #[arg(long)]
+    pub refused_points: bool,
     /// One fit over all spectra instead of one for each.
     #[arg(long)]
     pub pool: bool,

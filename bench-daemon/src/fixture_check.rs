@@ -128,7 +128,20 @@ fn judge(points: &[ImpedancePoint], known: &KnownImpedance, tolerance: &Toleranc
     }
 }
 
-/// The correction that the controls give, as far as they were measured: points by the name of the fixture.
+/// The points that the quality gate has let through.
+pub fn let_through(points: &[SweepPoint]) -> impl Iterator<Item = &SweepPoint> {
+    points.iter().filter(|point| point.failing.is_empty())
+}
+
+/// The first control of which the quality gate has left nothing: without it the correction would be another one than was asked for.
+pub fn refused_whole(sweeps: &BTreeMap<&'static str, Vec<SweepPoint>>) -> Option<&'static str> {
+    let controls = [Fixture::Shunt, Fixture::FakeCell, Fixture::Short].map(fixture_name);
+    let whole = |name: &&'static str| sweeps.get(name).is_some_and(|points| !points.is_empty() && let_through(points).next().is_none());
+    controls.into_iter().find(whole)
+}
+
+/// The correction that the controls give, as far as they were measured: points by the name of the fixture. What the quality gate has refused is left out: a
+/// few parameters describe the harness at all frequencies.
 ///
 /// # Errors
 /// Controls from which it cannot be computed.
@@ -157,5 +170,5 @@ pub fn judge_corrected(bench: &Bench, fixture: Fixture, (correction, share): (&C
 }
 
 fn phasors(points: &[SweepPoint]) -> Vec<ChannelPhasors> {
-    points.iter().map(|point| point.phasors).collect()
+    let_through(points).map(|point| point.phasors).collect()
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use analysis::{
+    dataset::FlaggedPoint,
     fit::{ErmFit, Objective},
     report::{Level, Table, Verdict},
 };
@@ -112,6 +113,16 @@ pub fn significant(value: f64, digits: i32) -> String {
     } else {
         format!("{value:.*e}", usize::try_from(digits - 1).unwrap_or(0))
     }
+}
+
+/// Points that are told one by one.
+const MOST_TOLD: usize = 6;
+
+/// What a quality gate has refused, and why.
+pub fn refused_in_words(flagged: &[FlaggedPoint]) -> String {
+    let told = flagged.iter().take(MOST_TOLD).map(|point| format!("{} Hz ({})", significant(point.freq_hz, 5), point.reasons.join("; ")));
+    let more = flagged.len().saturating_sub(MOST_TOLD);
+    told.chain((more > 0).then(|| format!("{more} more"))).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]

@@ -56,14 +56,25 @@ pub(super) fn read_csv<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
 }
 
 pub(super) fn write_parquet<R: Row>(path: &Path, rows: &[R]) -> Result<(), DatasetError> {
+    write_frame(path, &mut frame(path, rows, None)?, R::COLUMNS, Vec::new())
+}
+
+/// Writes rows with one more column behind them, one text per row.
+pub(super) fn write_parquet_with<R: Row>(path: &Path, rows: &[R], (spec, texts): (ColumnSpec, &[String])) -> Result<(), DatasetError> {
+    let specs: Vec<ColumnSpec> = R::COLUMNS.iter().copied().chain([spec]).collect();
+    let mut frame = frame(path, rows, Some(Column::new(spec.name.into(), texts)))?;
+    write_frame(path, &mut frame, &specs, Vec::new())
+}
+
+/// Rows as columns, and one more where there is one.
+fn frame<R: Row>(path: &Path, rows: &[R], more: Option<Column>) -> Result<DataFrame, DatasetError> {
     let values: Vec<Vec<f64>> = rows.iter().map(Row::values).collect();
     let column = |(index, spec): (usize, &ColumnSpec)| {
         let cells: Vec<f64> = values.iter().filter_map(|row| row.get(index).copied()).collect();
         Column::new(spec.name.into(), cells)
     };
-    let columns = R::COLUMNS.iter().enumerate().map(column).collect();
-    let mut frame = DataFrame::new(rows.len(), columns).map_err(|source| parquet_error(path, "arrange the columns", source))?;
-    write_frame(path, &mut frame, R::COLUMNS, Vec::new())
+    let columns = R::COLUMNS.iter().enumerate().map(column).chain(more).collect();
+    DataFrame::new(rows.len(), columns).map_err(|source| parquet_error(path, "arrange the columns", source))
 }
 
 pub(super) fn write_columns(path: &Path, columns: &[(ColumnSpec, &[f64])]) -> Result<(), DatasetError> {

@@ -206,6 +206,7 @@ mod tests {
         let one = |name: &str, cell: Option<&str>| SourcedSpectrum {
             origin: Origin { cell: cell.map(str::to_owned), ..Origin::default() },
             spectrum: Spectrum { name: name.to_owned(), points: Vec::new(), ..Spectrum::default() },
+            flagged: Vec::new(),
         };
         let names = ["cell0_0", "cell10_0", "cell0_1", "cellm2_0", "cellm2_1", "cell7", "lot_1", "lot_2", "cell_1", "cell0_x"];
         let mut all: Vec<SourcedSpectrum> = names.iter().map(|name| one(name, None)).collect();

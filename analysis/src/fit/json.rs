@@ -148,6 +148,9 @@ pub struct ModelFile {
 pub struct RefusedPoint {
     /// Name of its spectrum.
     pub spectrum: String,
+    /// File of that spectrum: repeats may have one name.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub file: String,
     /// Its frequency, Hz.
     pub freq_hz: f64,
     /// Why.

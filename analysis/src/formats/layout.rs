@@ -65,6 +65,7 @@ pub(super) fn parse(text: &Text<'_>) -> Result<FileSpectra, FormatError> {
     let stem = text.path.file_stem().map_or_else(|| "spectrum".to_owned(), |s| s.to_string_lossy().into_owned());
     let mut read = sweeps::sort(text.path, all, |origin, several| name(origin, (&stem, several)));
     super::shared::attach(text, &mut read.spectra)?;
+    super::flags::attach(text, &mut read.spectra);
     Ok(read)
 }
 

@@ -2,7 +2,7 @@
 //!
 //! | format | first line that is not a comment | spectra |
 //! |---|---|---|
-//! | the project's | a header with `freq_hz,z_re_ohm,z_im_ohm`, perhaps `sigma_re_ohm,sigma_im_ohm`, `cov_re_im_ohm2`, `amplitude_a`, others | one |
+//! | the project's | a header with `freq_hz,z_re_ohm,z_im_ohm`, perhaps `sigma_re_ohm,sigma_im_ohm`, `cov_re_im_ohm2`, `amplitude_a`, `flags`, others | one |
 //! | impedance.py's | no header, three numbers: f in Hz, Re Z, Im Z in Ω | one |
 //! | the thesis' | `freq,offset,resistance,theta`: Hz, bias in A, \|Z\| in Ω, arg Z in rad | one per offset |
 //! | the project's tidy table | `fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad` | one per fixture, cell, repeat, bias |
@@ -23,6 +23,7 @@
 
 mod bdf;
 mod error;
+mod flags;
 mod foreign;
 mod layout;
 pub mod model;
@@ -39,7 +40,7 @@ pub use error::FormatError;
 pub use timeseries::{CurrentSign, SeriesOptions, SeriesReadError, read_series};
 pub use write::{SpectrumFormat, spectrum_text};
 
-use crate::spectrum::Spectrum;
+use crate::{dataset::FlaggedPoint, spectrum::Spectrum};
 use std::path::Path;
 
 /// What a file tells of where a spectrum comes from, beyond its name; none where it does not tell.
@@ -71,9 +72,17 @@ pub struct SourcedSpectrum {
     pub origin: Origin,
     /// The spectrum.
     pub spectrum: Spectrum,
+    /// Points of it that the quality gate of the measurement has refused, where the file says so: they are in the spectrum all the same.
+    pub flagged: Vec<FlaggedPoint>,
 }
 
 impl SourcedSpectrum {
+    /// Takes the points out of the spectrum that a quality gate has refused.
+    pub fn leave_out_flagged(&mut self) {
+        let flagged: Vec<f64> = self.flagged.iter().map(|point| point.freq_hz).collect();
+        self.spectrum.keep(|point| !flagged.contains(&point.freq_hz));
+    }
+
     /// Which cell it is of: as the file's column tells, else as the name does; none where neither tells.
     pub fn cell(&self) -> Option<&str> {
         self.origin.cell.as_deref().or_else(|| cell_in_name(&self.spectrum.name))

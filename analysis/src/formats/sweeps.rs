@@ -192,7 +192,11 @@ impl Part {
         let mut points: Vec<ImpedancePoint> = self.rows.into_iter().map(|(_, point)| point).collect();
         points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
         let curve = keys.iter().position(|key| *key == Key::Curve).and_then(|place| self.key.get(place).cloned());
-        SourcedSpectrum { origin: Origin { curve, ..self.origin }, spectrum: Spectrum { name, points, ..Spectrum::default() } }
+        SourcedSpectrum {
+            origin: Origin { curve, ..self.origin },
+            spectrum: Spectrum { name, points, ..Spectrum::default() },
+            flagged: Vec::new(),
+        }
     }
 }
 

@@ -13,7 +13,7 @@ pub use plain::PlainModel;
 
 use crate::augmented::Augmented;
 use crate::effects::Facts;
-use crate::fit::{Addition, JsonError, ModelFile, augmented};
+use crate::fit::{Addition, JsonError, ModelFile, RefusedPoint, augmented};
 use crate::model::{Erm, ModelError};
 use crate::ocv::OcvCurve;
 use serde_json::Value;
@@ -109,6 +109,16 @@ impl GivenModel {
         }
         let warnings = Vec::new();
         Self { erm, facts: Some(facts), additions, log_covariance: None, ladder: None, warnings, fitted: None, ..self }
+    }
+
+    /// The same with what the gate of the data has refused, beside what its first fit knew of that: a model that is no model file has no place for it.
+    #[must_use]
+    pub fn with_refused(mut self, refused: Vec<RefusedPoint>) -> Self {
+        if let Some(file) = &mut self.fitted {
+            let fresh: Vec<RefusedPoint> = refused.into_iter().filter(|point| !file.refused.contains(point)).collect();
+            file.refused.extend(fresh);
+        }
+        self
     }
 
     /// Resistance at zero frequency, Ω; none for a circuit whose resistance grows without end.

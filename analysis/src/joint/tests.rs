@@ -74,7 +74,7 @@ fn sweeps(seed: u64) -> Vec<SourcedSpectrum> {
                 ImpedancePoint { freq_hz, z_ohm: z * factor * scatter, covariance: Covariance2::UNKNOWN, amplitude_a: 1.0 }
             };
             let spectrum = Spectrum { name: format!("cell{cell}_{repeat}"), points: (0..20).map(point).collect(), ..Spectrum::default() };
-            all.push(SourcedSpectrum { origin: Origin::default(), spectrum });
+            all.push(SourcedSpectrum { origin: Origin::default(), spectrum, flagged: Vec::new() });
         }
     }
     all

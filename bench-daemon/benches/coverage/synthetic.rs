@@ -100,7 +100,7 @@ fn sweep(erm: &Erm, own: &OcvCurve, repeat: usize, normal: &mut Normal) -> Sourc
         ImpedancePoint { freq_hz, z_ohm, covariance: Covariance2::circular(sigma * sigma), amplitude_a: 1.0 }
     };
     let spectrum = Spectrum::new(format!("cell0_{repeat}"), (0..20).map(point).collect());
-    SourcedSpectrum { origin: Origin { cell: Some("0".to_owned()), ..Origin::default() }, spectrum }
+    SourcedSpectrum { origin: Origin { cell: Some("0".to_owned()), ..Origin::default() }, spectrum, flagged: Vec::new() }
 }
 
 /// Five pulses of 10 s every 600 s over a steady load, sampled every 0.5 s and every 0.2 s around a pulse.

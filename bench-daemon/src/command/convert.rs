@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use analysis::{
     dataset,
     formats::{
-        SeriesOptions, SpectrumFormat, bdf_text,
+        SeriesOptions, SourcedSpectrum, SpectrumFormat, bdf_text,
         model::{CellModel, ModelFormat},
         read_series, spectrum_text, write_bdf_parquet,
     },
     given::GivenModel,
     ocv::OcvCurve,
+    spectrum::ImpedancePoint,
 };
 use clap::Args;
 
@@ -18,7 +19,11 @@ use super::{
     Failure, files,
     model_args::{self, ModelArgs, TYPED},
 };
-use crate::{record::RecordError, terminal::say};
+use crate::{
+    present::refused_in_words,
+    record::RecordError,
+    terminal::{remark, say},
+};
 
 /// Half the slope of a curve that stands for a constant voltage, V: knots must rise.
 const FLAT_V: f64 = 1.0e-9;
@@ -135,10 +140,20 @@ impl To {
 }
 
 fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> Result<(), Failure> {
-    for spectrum in files::read_spectra(file)?.into_iter().map(|one| one.spectrum) {
+    for SourcedSpectrum { spectrum, flagged, .. } in files::read_spectra(file)? {
+        let of = |point: &ImpedancePoint| -> String {
+            let reasons = flagged.iter().filter(|one| one.freq_hz == point.freq_hz).flat_map(|one| one.reasons.clone());
+            reasons.collect::<Vec<_>>().join("; ")
+        };
+        let flags: Vec<String> = spectrum.points.iter().map(of).collect();
+        if format.is_some() && !flagged.is_empty() {
+            let (name, told) = (&spectrum.name, refused_in_words(&flagged));
+            remark!("{name}: the quality gate refused {} points, which this format has no place to say: {told}", flagged.len());
+        }
         let path = free(args, &spectrum.name, format.map_or(".csv", SpectrumFormat::extension))?;
         match format {
-            None => dataset::write_spectrum_csv(&path, &spectrum.points).map_err(RecordError::from)?,
+            None if flagged.is_empty() => dataset::write_spectrum_csv(&path, &spectrum.points).map_err(RecordError::from)?,
+            None => dataset::write_flagged_spectrum_csv(&path, &spectrum.points, &flags).map_err(RecordError::from)?,
             Some(format) => write(&path, &spectrum_text(&spectrum, format))?,
         }
         say!("{}: {} points", path.display(), spectrum.points.len());

@@ -9,7 +9,7 @@ use analysis::{
 
 use super::{Failure, files, model_args::ModelArgs, run::Recorded};
 use crate::{
-    dataset::{Loaded, read_dataset},
+    dataset::{Loaded, Reading, read_as},
     hash,
     journal::JOURNAL,
     next_experiment::{Setting, experiment_file},
@@ -42,6 +42,9 @@ pub struct DiagnoseArgs {
     /// The one cell of a campaign that is meant [default: each of them by itself].
     #[arg(long, value_name = "NAME")]
     pub specimen: Option<String>,
+    /// Use points that the quality gate of their measurement refused, too.
+    #[arg(long)]
+    pub refused_points: bool,
     /// Print JSON; of several cells, a list.
     #[arg(long)]
     pub json: bool,
@@ -53,7 +56,7 @@ pub struct DiagnoseArgs {
 /// A file or an argument that is not as expected; a folder that cannot be written; [`Failure::Invalid`], once everything is told, where the data cannot be diagnosed. Any other verdict is
 /// a result and no error.
 pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
-    let judged = Judged::read(&args.data, &args.model, args.ocv.as_deref())?;
+    let judged = Judged::read(&args.data, &args.model, (args.ocv.as_deref(), args.refused_points))?;
     let cells = judged.cells(args.specimen.as_deref())?;
     if args.bench.is_some() && cells.len() > 1 {
         let reason =
@@ -108,7 +111,7 @@ pub(crate) fn of_run(run: &Path, rc: usize) -> String {
 }
 
 fn diagnose_run(run: &Path, rc: usize) -> Result<Vec<String>, Failure> {
-    let mut all = Judged::read(run, &ModelArgs::file(run.join(format!("model_{rc}rc.json"))), None)?;
+    let mut all = Judged::read(run, &ModelArgs::file(run.join(format!("model_{rc}rc.json"))), (None, false))?;
     all.within = Some(run.to_owned());
     let cells = all.cells(None)?;
     let step = |(name, judged): (&str, Judged)| {
@@ -145,11 +148,13 @@ pub(super) struct Judged {
     specimen: Option<String>,
     /// The run folder of which it is a step: what it tells of files is told from there, so that a run is the same in whichever folder.
     within: Option<PathBuf>,
+    /// It was asked for points that a quality gate has refused.
+    refused_points: bool,
 }
 
 impl Judged {
     /// Reads both; the curve from `ocv`, the model file, or the cell's file of a run folder.
-    pub(super) fn read(data: &Path, named: &ModelArgs, ocv: Option<&Path>) -> Result<Self, Failure> {
+    pub(super) fn read(data: &Path, named: &ModelArgs, (ocv, refused_points): (Option<&Path>, bool)) -> Result<Self, Failure> {
         let option = if named.model.is_some() { "--model " } else { "" };
         let fail = |text: &str| Failure::Usage(format!("{option}{}: {text}", named.told()));
         let file = named.read(None)?;
@@ -163,8 +168,8 @@ impl Judged {
             return Err(fail("expected a model without additions: the diagnosis starts from the extended Randles model alone"));
         }
         let model = BaseModel { name: file.name.clone(), erm: file.erm.clone(), ocv: curve };
-        let (loaded, ocv) = (read_dataset(data)?, ocv.map(Path::to_owned));
-        Ok(Self { loaded, model, file, data: data.to_owned(), named: named.clone(), ocv, specimen: None, within: None })
+        let (loaded, ocv) = (read_as(data, Reading { refused_points, ..Reading::default() })?, ocv.map(Path::to_owned));
+        Ok(Self { loaded, model, file, data: data.to_owned(), named: named.clone(), ocv, specimen: None, within: None, refused_points })
     }
 
     /// The names of the cells that are to be judged, each by itself: a model is one cell's.
@@ -200,10 +205,11 @@ impl Judged {
     fn of_cell(&self, name: &str) -> Self {
         let mut set = self.loaded.set.clone();
         set.runs.retain(|run| !matches!(&run.fixture, Fixture::Cell(other) if other != name));
-        let loaded = Loaded { set, problems: self.loaded.problems.clone(), notes: self.loaded.notes.clone() };
+        let refused = self.loaded.refused.clone();
+        let loaded = Loaded { set, problems: self.loaded.problems.clone(), notes: self.loaded.notes.clone(), refused };
         let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
-        let (specimen, within) = (self.specimen.clone(), self.within.clone());
-        Self { loaded, model, file, data: self.data.clone(), named: self.named.clone(), ocv, specimen, within }
+        let (specimen, within, refused_points) = (self.specimen.clone(), self.within.clone(), self.refused_points);
+        Self { loaded, model, file, data: self.data.clone(), named: self.named.clone(), ocv, specimen, within, refused_points }
     }
 
     /// A path as it is told.
@@ -221,6 +227,9 @@ impl Judged {
         let mut text = format!("eis-bench diagnose {}{}", word(&self.data), self.named.again(|path| self.told(path)));
         if let Some(ocv) = &self.ocv {
             text.push_str(&format!(" --ocv {}", word(ocv)));
+        }
+        if self.refused_points {
+            text.push_str(" --refused-points");
         }
         if let Some(specimen) = &self.specimen {
             text.push_str(&format!(" --specimen {}", quoted(Path::new(specimen))));
@@ -295,7 +304,7 @@ fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failur
     let additions = d.additions(concat!("eis-bench ", env!("CARGO_PKG_VERSION")));
     if let (Some(erm), Some(facts), false) = (&d.augmented, outcome.facts, additions.is_empty()) {
         let base = judged.file.clone().with_ocv(Some(judged.model.ocv.clone()));
-        let augmented = base.with_additions(erm.clone(), facts, additions);
+        let augmented = base.with_additions(erm.clone(), facts, additions).with_refused(judged.loaded.refused.clone());
         let text = augmented.to_json().map_err(|error| Failure::Analysis(error.to_string()))?;
         files::write_text(folder, "model_augmented.json", &text)?;
     }

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use analysis::{
-    dataset,
+    dataset::{self, FlaggedPoint},
     effects::Group,
+    fit::RefusedPoint,
     formats::{SourcedSpectrum, read_file},
     forward::{OcvSource, SimModel},
     given::GivenModel,
@@ -14,7 +15,7 @@ use analysis::{
 };
 
 use super::Failure;
-use crate::terminal::remark;
+use crate::{present::refused_in_words, terminal::remark};
 
 /// Reads the spectra of a file, and says how they were told apart and what was left out.
 pub(super) fn read_spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, Failure> {
@@ -23,6 +24,40 @@ pub(super) fn read_spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, Failure>
         remark!("{note}");
     }
     Ok(read.spectra)
+}
+
+/// Leaves out what the quality gate of the measurement has refused, as the file says, unless that is wanted, and says so.
+///
+/// # Errors
+/// [`Failure::Refused`] where nothing is left.
+pub(super) fn leave_out_refused(sourced: &mut SourcedSpectrum, wanted: bool) -> Result<(), Failure> {
+    let (count, points) = (sourced.flagged.len(), sourced.spectrum.points.len());
+    if count == 0 {
+        return Ok(());
+    }
+    let (name, told) = (&sourced.spectrum.name, refused_in_words(&sourced.flagged));
+    if wanted {
+        remark!("{name}: {count} of {points} points are used, because that was asked for, though the quality gate refused them: {told}");
+        return Ok(());
+    }
+    remark!("{name}: {count} of {points} points are left out: the quality gate refused them: {told}; --refused-points uses them");
+    sourced.leave_out_flagged();
+    if sourced.spectrum.points.is_empty() { Err(Failure::Refused { count }) } else { Ok(()) }
+}
+
+/// The points of spectra that a quality gate has refused, as a model file names them.
+pub(super) fn refused_points(sweeps: &[SourcedSpectrum], fitted: bool) -> Vec<RefusedPoint> {
+    let of = |one: &SourcedSpectrum| -> Vec<RefusedPoint> {
+        let named = |point: &FlaggedPoint| RefusedPoint {
+            spectrum: one.spectrum.name.clone(),
+            file: String::new(),
+            freq_hz: point.freq_hz,
+            reasons: point.reasons.clone(),
+            fitted,
+        };
+        one.flagged.iter().map(named).collect()
+    };
+    sweeps.iter().flat_map(of).collect()
 }
 
 /// Refuses two evaluations of one measurement where spectra are taken together: they are no repeats.

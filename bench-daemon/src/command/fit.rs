@@ -4,7 +4,7 @@ use crate::command::files;
 use std::path::Path;
 
 use analysis::{
-    fit::{Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective, PackModel, fit_cells},
+    fit::{Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective, PackModel, RefusedPoint, fit_cells},
     formats::SourcedSpectrum,
     pack::Pack,
     plot::{self, FigureInput, ImpedancePlot, Series, SeriesStyle},
@@ -28,6 +28,7 @@ struct Group {
     spectra: Vec<Spectrum>,
     fits: Vec<ErmFit>,
     more: More,
+    refused: Vec<RefusedPoint>,
 }
 
 /// Fits models to spectra, prints them, and writes them into a folder if asked to.
@@ -71,6 +72,7 @@ struct Wanted<'a> {
 /// All that is wanted of the sweeps of one group; without orders the data choose one.
 fn fit_group(name: String, sweeps: &[SourcedSpectrum], wanted: &Wanted<'_>) -> Result<Group, Failure> {
     let Wanted { orders, objective, slope, args } = *wanted;
+    let refused = files::refused_points(sweeps, args.refused_points);
     let measured: Vec<Spectrum> = sweeps.iter().map(|s| s.spectrum.clone()).collect();
     let sweeps: Vec<SourcedSpectrum> = sweeps.iter().map(|s| SourcedSpectrum { spectrum: slope.less(&s.spectrum), ..s.clone() }).collect();
     let cells = CellSweeps::sort(&sweeps);
@@ -88,7 +90,7 @@ fn fit_group(name: String, sweeps: &[SourcedSpectrum], wanted: &Wanted<'_>) -> R
         fits.push(fit);
     }
     more.add(&cells, &spectra, &fits, &args.more)?;
-    Ok(Group { name, spectra: measured, fits, more })
+    Ok(Group { name, spectra: measured, fits, more, refused })
 }
 
 /// The orders asked for; none for `auto`.
@@ -114,14 +116,16 @@ pub(super) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum
     for file in &args.files {
         for mut sourced in files::read_spectra(file)? {
             sourced.spectrum.keep(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
+            sourced.flagged.retain(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
             if sourced.spectrum.points.is_empty() {
                 let met = format!("none from {} Hz to {} Hz", args.from_hz, args.to_hz);
                 return Err(Failure::Usage(format!("{}: expected frequencies to be fitted, found {met}", file.display())));
             }
             if sourced.origin.is_unbiased_cell() {
+                files::leave_out_refused(&mut sourced, args.refused_points)?;
                 cells.push(sourced);
             } else {
-                let SourcedSpectrum { origin, spectrum } = sourced;
+                let SourcedSpectrum { origin, spectrum, .. } = sourced;
                 passed_over.push(spectrum.name.clone());
                 if origin.fixture.as_deref() != Some("cell") && origin.bias_a.is_none_or(|bias| bias == 0.0) {
                     others.push(spectrum);
@@ -205,7 +209,8 @@ fn write(folder: &Path, group: &Group, controls: &[Spectrum], args: &FitArgs) ->
     let text = |name: &str, text: &str| files::write_text(folder, name, text);
     for fit in &group.fits {
         let pack = PackModel::new(&fit.erm, Pack::THESIS).map_err(|error| Failure::Analysis(error.to_string()))?;
-        let model = ModelFile::new(&group.name, fit.clone(), names.clone(), Some(pack));
+        let mut model = ModelFile::new(&group.name, fit.clone(), names.clone(), Some(pack));
+        model.refused.clone_from(&group.refused);
         let json = model.to_json().map_err(|error| Failure::Analysis(error.to_string()))?;
         text(&format!("model_{}rc.json", model.rc), &json)?;
     }

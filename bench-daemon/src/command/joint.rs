@@ -21,6 +21,9 @@ pub struct JointArgs {
     /// Spectra of cells without bias, all at the same frequencies; repeats and several cells give the uncertainty.
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     pub spectra: Vec<PathBuf>,
+    /// Use points of the spectra that the quality gate of their measurement refused, too.
+    #[arg(long)]
+    pub refused_points: bool,
     /// A series with pulses of current: the thesis' cycler CSV, BDF (CSV or Parquet), the bench's own.
     #[arg(long, value_name = "FILE")]
     pub series: PathBuf,
@@ -62,7 +65,7 @@ pub struct JointArgs {
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn joint(args: &JointArgs) -> Result<(), Failure> {
     let rc = order(&args.rc)?;
-    let spectra = spectra(&args.spectra)?;
+    let spectra = spectra(&args.spectra, args.refused_points)?;
     let series = ocv::read(&args.series, args.positive)?;
     let (curve, ocv_from) = curve(args)?;
     let plain: Vec<_> = spectra.iter().map(|s| s.spectrum.clone()).collect();
@@ -75,7 +78,7 @@ pub fn joint(args: &JointArgs) -> Result<(), Failure> {
     let (study, pooled) = study(&input, &options).map_err(|error| Failure::Usage(error.to_string()))?;
     let job = Job { args, study: &study, pooled: &pooled, curve: &curve, ocv_from: &ocv_from, series: &series.name, fit: &options.fit };
     if let Some(folder) = &args.out {
-        job.write(folder, plain.iter().map(|s| s.name.clone()).collect())?;
+        job.write(folder, &spectra)?;
     }
     if args.json {
         let text = serde_json::to_string_pretty(&study).map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -94,12 +97,13 @@ fn order(text: &str) -> Result<Option<usize>, Failure> {
     order.map(Some).ok_or_else(|| Failure::Usage(format!("--rc: expected `auto` or a number from 1 to {MAX_RC}, found {text:?}")))
 }
 
-fn spectra(files: &[PathBuf]) -> Result<Vec<SourcedSpectrum>, Failure> {
+fn spectra(files: &[PathBuf], refused_points: bool) -> Result<Vec<SourcedSpectrum>, Failure> {
     let mut all = Vec::new();
     let mut passed_over = Vec::new();
     for file in files {
-        for sourced in files::read_spectra(file)? {
+        for mut sourced in files::read_spectra(file)? {
             if sourced.origin.is_unbiased_cell() {
+                files::leave_out_refused(&mut sourced, refused_points)?;
                 all.push(sourced);
             } else {
                 passed_over.push(sourced.spectrum.name);
@@ -180,13 +184,15 @@ impl Job<'_> {
         }
     }
 
-    fn write(&self, folder: &Path, spectra: Vec<String>) -> Result<(), Failure> {
+    fn write(&self, folder: &Path, spectra: &[SourcedSpectrum]) -> Result<(), Failure> {
         let failed = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
         files::make_folder(folder)?;
         let joint = self.study.joint().ok_or_else(|| Failure::Analysis("no order was fitted".to_owned()))?;
         let pack = PackModel::new(&joint.erm, Pack::THESIS).map_err(|error| failed(&error))?;
         let fit = joint.to_erm_fit(self.pooled, self.fit);
-        let mut model = ModelFile::new("joint", fit, spectra, Some(pack));
+        let names = spectra.iter().map(|one| one.spectrum.name.clone()).collect();
+        let mut model = ModelFile::new("joint", fit, names, Some(pack));
+        model.refused = files::refused_points(spectra, self.args.refused_points);
         model.ocv = Some(self.curve.clone());
         let numbers = |role: Role| self.study.pulses.iter().filter(|p| p.role == role).map(|p| p.joint.pulse).collect();
         model.joint = Some(JointProvenance {

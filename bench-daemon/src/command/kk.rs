@@ -17,8 +17,11 @@ use analysis::{
 };
 use serde::Serialize;
 
-use crate::terminal::say;
-use crate::{command::Failure, present::significant};
+use crate::terminal::{remark, say};
+use crate::{
+    command::Failure,
+    present::{refused_in_words, significant},
+};
 
 /// Arguments of `kk`.
 #[derive(Debug, clap::Args)]
@@ -124,7 +127,11 @@ fn json(groups: &[Group]) -> Result<String, Failure> {
 fn read(args: &KkArgs) -> Result<Vec<(String, Vec<Spectrum>)>, Failure> {
     let mut cells: Vec<(String, Vec<Spectrum>)> = Vec::new();
     for file in &args.files {
-        for SourcedSpectrum { origin, spectrum } in files::read_spectra(file)? {
+        for SourcedSpectrum { origin, spectrum, flagged } in files::read_spectra(file)? {
+            if !flagged.is_empty() {
+                let (name, told) = (&spectrum.name, refused_in_words(&flagged));
+                remark!("{name}: the quality gate refused {} points, which are judged with the others: {told}", flagged.len());
+            }
             let bias = origin.bias_a.filter(|bias| *bias != 0.0).map_or_else(String::new, |bias| format!(", {bias:+} A"));
             let cell = match (&origin.fixture, &origin.cell) {
                 (Some(fixture), Some(cell)) => format!("{fixture} {cell}{bias}"),

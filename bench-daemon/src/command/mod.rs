@@ -137,7 +137,7 @@ pub enum Failure {
     Analysis(String),
     /// A run that went to its end, and whose quality gate has refused points to the end.
     #[error(
-        "the quality gate refused {count} points: they are flagged in the spectra, and left out of the models unless that was asked for"
+        "the quality gate refused {count} points: they are flagged in the spectra, left out of the models unless that was asked for, and of the correction"
     )]
     Refused {
         /// How many.

@@ -118,7 +118,7 @@ fn same((old, new): (&Path, &Path), name: &Path, begun_s: f64) -> Result<(), Fai
     if REWRITTEN.contains(&extension.as_str()) || extension == "torn" || name == Path::new(AT_THE_END) {
         return Ok(());
     }
-    let (was, is) = (fs::read(old.join(name))?, fs::read(new.join(name)).unwrap_or_default());
+    let (was, is) = (unflagged(fs::read(old.join(name))?), unflagged(fs::read(new.join(name)).unwrap_or_default()));
     let growing = GROWING.contains(&extension.as_str());
     let whole = if growing { was.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1) } else { was.len() };
     if if growing { is.starts_with(&was[..whole]) } else { is == was } {
@@ -134,6 +134,16 @@ fn same((old, new): (&Path, &Path), name: &Path, begun_s: f64) -> Result<(), Fai
         new.display()
     );
     Err(Failure::Usage(format!("{}: {text}", old.join(name).display())))
+}
+
+/// A table without what the quality gate has refused of it: that column comes with the whole sweep, behind the points that were appended as they came.
+fn unflagged(table: Vec<u8>) -> Vec<u8> {
+    let header = table.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    if !header.ends_with(b",flags") {
+        return table;
+    }
+    let own = |line: &[u8]| line.iter().rposition(|byte| *byte == b',').map_or_else(|| line.to_vec(), |at| line[..at].to_vec());
+    table.split(|byte| *byte == b'\n').map(own).collect::<Vec<_>>().join(&b'\n')
 }
 
 /// The bench time that begins the line around a byte, or that an entry of the journal has, s.
@@ -175,6 +185,13 @@ fn replace(from: &Path, to: &Path) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_table_that_was_flagged_meanwhile_is_what_it_was() {
+        let plain = b"freq_hz,z\n1,2\n3,4\n".to_vec();
+        assert_eq!(unflagged(b"freq_hz,z,flags\n1,2,\n3,4,noise: much; drift\n".to_vec()), plain);
+        assert_eq!(unflagged(plain.clone()), plain);
+    }
 
     #[test]
     fn the_time_of_a_line_is_found_whatever_the_file() {

@@ -22,7 +22,7 @@ use std::{
 };
 
 pub(crate) use again::{Again, Beside, Known, Recorded, on_all_cores};
-use analysis::{calibration::Correction, spectrum::Spectrum};
+use analysis::{calibration::Correction, dataset::FlaggedPoint, spectrum::Spectrum};
 pub(crate) use past::{Past, begun_experiment};
 pub(crate) use play::nobody_drives;
 pub(crate) use stop::{StopSignals, caught};
@@ -59,6 +59,10 @@ pub struct Measured {
     pub points: Vec<Vec<SweepPoint>>,
     /// They are runs of a campaign, and called after cell and repeat.
     pub campaign: bool,
+    /// The file of each of them.
+    pub files: Vec<String>,
+    /// What the quality gate has refused of the controls, by their names.
+    pub refused_controls: Vec<(&'static str, FlaggedPoint)>,
     /// What multisines measured of the cell.
     pub multisines: Vec<MultisineRun>,
 }
@@ -80,10 +84,10 @@ impl Measured {
         (1..).zip(self.spectra()).map(name).collect()
     }
 
-    /// Points that the quality gate has refused to the end.
+    /// Points that the quality gate has refused to the end, those of the controls among them.
     pub fn refused(&self) -> usize {
         let sweeps = self.points.iter().flatten().filter(|point| !point.failing.is_empty()).count();
-        sweeps + self.multisines.iter().map(|run| run.flagged.len()).sum::<usize>()
+        sweeps + self.refused_controls.len() + self.multisines.iter().map(|run| run.flagged.len()).sum::<usize>()
     }
 
     /// What the first of them is called, where there are others.

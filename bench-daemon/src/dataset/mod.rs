@@ -22,6 +22,7 @@
 //! | `bias_a`, `amplitude_a` | direct current and amplitude of a sweep | as the file tells, else 0 and unknown |
 //! | `below_ohm`, `below_h` | resistance (Ω) and inductance (H) between the lower tap and the ground of the channels, where each tap has a channel of its own | 0 |
 //! | `elapsed_s` | time of each of the sweep's points since its start, s, in the order of frequencies | unknown |
+//! | `refused_points` | use points of a sweep that the quality gate of its measurement refused, as the column `flags` of its file says | false |
 //! | `spectrum` | which one, where the file holds several; else the one at `bias_a` | |
 //!
 //! A mistake in `dataset.toml` is an error. A file that is there but damaged is a [`DataSetProblem`]: the diagnosis then ends as invalid, with the reason.
@@ -34,9 +35,14 @@ mod write;
 
 use std::path::Path;
 
-use analysis::{calibration::CommonError, diagnosis::DataSet};
+use analysis::{
+    calibration::CommonError,
+    dataset::FlaggedPoint,
+    diagnosis::{DataSet, Run, RunData},
+    fit::RefusedPoint,
+};
 
-use crate::config::ConfigError;
+use crate::{config::ConfigError, present};
 
 pub use files::DataSetProblem;
 pub use write::write_dataset;
@@ -53,6 +59,69 @@ pub struct Loaded {
     pub problems: Vec<DataSetProblem>,
     /// What had to be assumed.
     pub notes: Vec<String>,
+    /// Points that the quality gate of their measurement has refused, by the names of their runs, and whether they are used all the same.
+    pub refused: Vec<RefusedPoint>,
+}
+
+/// How a data set is read.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Reading {
+    /// What an inherited correction leaves, which a run that measured no controls cannot tell.
+    pub(crate) known: Option<CommonError>,
+    /// Points that a quality gate has refused are used, too.
+    pub refused_points: bool,
+}
+
+impl Loaded {
+    /// Notes what a quality gate has refused of a run of so many points.
+    fn flag(&mut self, (run, file): (&str, &str), (flagged, points): (&[FlaggedPoint], usize), fitted: bool) {
+        if flagged.is_empty() {
+            return;
+        }
+        let told = present::refused_in_words(flagged);
+        let what = if fitted { "are used, because that was asked for, though" } else { "and their like in its repeats are left out:" };
+        let asked = if fitted { "" } else { "; --refused-points uses them" };
+        self.notes.push(format!("{run}: {} of {points} points {what} the quality gate refused them: {told}{asked}", flagged.len()));
+        let (spectrum, file) = (run.to_owned(), file.to_owned());
+        self.refused.extend(flagged.iter().map(|point| RefusedPoint {
+            spectrum: spectrum.clone(),
+            file: file.clone(),
+            freq_hz: point.freq_hz,
+            reasons: point.reasons.clone(),
+            fitted,
+        }));
+    }
+
+    /// Takes out what a quality gate has refused. Repeats are compared point by point: what one of them lost, the others lose too; but a sweep of which nothing is
+    /// left takes nothing of the others with it.
+    pub(crate) fn leave_out_refused(&mut self) {
+        let refused = &self.refused;
+        let own = |run: &Run, freq_hz: f64| refused.iter().any(|one| !one.fitted && one.spectrum == run.name && one.freq_hz == freq_hz);
+        let freqs =
+            |run: &Run| if let RunData::Eis(sweep) = &run.data { sweep.points.iter().map(|p| p.freq_hz).collect() } else { Vec::new() };
+        self.set.runs.retain(|run| {
+            let all: Vec<f64> = freqs(run);
+            all.is_empty() || !all.iter().all(|freq_hz| own(run, *freq_hz))
+        });
+        let of_group = |one: &RefusedPoint| {
+            let run = self.set.runs.iter().find(|run| run.name == one.spectrum)?;
+            (!one.fitted).then(|| (run.repeat_group.clone(), one.freq_hz))
+        };
+        let lost: Vec<(String, f64)> = refused.iter().filter_map(of_group).collect();
+        for run in &mut self.set.runs {
+            let RunData::Eis(sweep) = &mut run.data else { continue };
+            let stays: Vec<bool> = sweep
+                .points
+                .iter()
+                .map(|p| !lost.iter().any(|(group, freq_hz)| *group == run.repeat_group && *freq_hz == p.freq_hz))
+                .collect();
+            let mut kept = stays.iter();
+            sweep.elapsed_s.retain(|_| *kept.next().unwrap_or(&true));
+            let mut kept = stays.iter();
+            sweep.points.retain(|_| *kept.next().unwrap_or(&true));
+        }
+        self.set.runs.retain(|run| !matches!(&run.data, RunData::Eis(sweep) if sweep.points.is_empty()));
+    }
 }
 
 /// Reads a data set: a `dataset.toml`, the folder that holds one, or a run folder.
@@ -60,22 +129,22 @@ pub struct Loaded {
 /// # Errors
 /// [`ConfigError`] with file, line and field for what is not as expected, and for a file that is not there.
 pub fn read_dataset(path: &Path) -> Result<Loaded, ConfigError> {
-    read_after(path, None)
+    read_as(path, Reading::default())
 }
 
-/// As [`read_dataset`]; `known` is what an inherited correction leaves, which a run that measured no controls cannot tell.
+/// As [`read_dataset`], with what is asked for of it.
 ///
 /// # Errors
 /// As [`read_dataset`].
-pub(crate) fn read_after(path: &Path, known: Option<CommonError>) -> Result<Loaded, ConfigError> {
+pub fn read_as(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     if path.is_file() {
-        return resolve::read(path);
+        return resolve::read(path, how);
     }
     let listed = path.join(DATASET_FILE);
     if listed.is_file() {
-        return resolve::read(&listed);
+        return resolve::read(&listed, how);
     }
-    run_folder::read(path, known)
+    run_folder::read(path, how)
 }
 
 #[cfg(test)]

@@ -50,6 +50,8 @@ pub(super) struct Run {
     pub(super) elapsed_s: Option<Vec<f64>>,
     pub(super) amplitude_a: Option<f64>,
     pub(super) spectrum: Option<String>,
+    #[serde(default)]
+    pub(super) refused_points: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]

@@ -4,14 +4,15 @@ use std::{ops::RangeInclusive, path::Path};
 
 use analysis::{
     augmented::Between,
-    diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
+    dataset::FlaggedPoint,
+    diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, TimeRecord},
     effects::Below,
     formats::{CurrentSign, SourcedSpectrum},
     series::TimeSeries,
 };
 
 use super::{
-    DataSetProblem, Loaded,
+    DataSetProblem, Loaded, Reading,
     files::{self, FileError, Files},
     raw,
 };
@@ -27,11 +28,11 @@ const TEMPERATURES_C: RangeInclusive<f64> = -60.0..=120.0;
 ///
 /// # Errors
 /// The first mistake, with file, line and field.
-pub(super) fn read(path: &Path) -> Result<Loaded, ConfigError> {
+pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     let source = Source::read(path)?;
     let raw: raw::File = source.parse()?;
     check_history(&source, raw.bench.as_ref())?;
-    let mut resolver = Resolver { source: &source, files: Files::default() };
+    let mut resolver = Resolver { source: &source, files: Files::default(), flagged: Vec::new() };
     let (mut listed, mut problems) = (Vec::new(), Vec::new());
     let mut names: Vec<String> = Vec::new();
     for (index, entry) in raw.runs.iter().enumerate() {
@@ -55,11 +56,13 @@ pub(super) fn read(path: &Path) -> Result<Loaded, ConfigError> {
     if left.is_some_and(|left| !left.is_finite()) {
         return Err(source.complain("calibration", "expected finite numbers"));
     }
-    Ok(Loaded {
-        set: DataSet { name: raw.name, runs: with_starts(listed), history: raw.bench, calibration: raw.calibration },
-        problems,
-        notes: Vec::new(),
-    })
+    let set = DataSet { name: raw.name, runs: with_starts(listed), history: raw.bench, calibration: raw.calibration };
+    let mut loaded = Loaded { set, problems, notes: Vec::new(), refused: Vec::new() };
+    for Flagged { run, file, points, flagged, wanted } in &resolver.flagged {
+        loaded.flag((run, file), (flagged, *points), *wanted || how.refused_points);
+    }
+    loaded.leave_out_refused();
+    Ok(loaded)
 }
 
 /// Runs that state no start begin when the one before ends.
@@ -113,6 +116,19 @@ fn check_history(source: &Source, history: Option<&BenchHistory>) -> Result<(), 
 struct Resolver<'a> {
     source: &'a Source,
     files: Files,
+    /// What quality gates have refused of the sweeps so far.
+    flagged: Vec<Flagged>,
+}
+
+/// What a quality gate has refused of a sweep.
+struct Flagged {
+    run: String,
+    file: String,
+    /// How many points it has.
+    points: usize,
+    flagged: Vec<FlaggedPoint>,
+    /// They are used all the same.
+    wanted: bool,
 }
 
 /// A run, or why its file gives none.
@@ -127,7 +143,11 @@ impl Resolver<'_> {
         at.fields_of_kind(entry)?;
         let data = match entry.kind {
             raw::Kind::Time => self.record(&at, entry)?,
-            raw::Kind::Eis => sweep(&at, entry)?,
+            raw::Kind::Eis => sweep(&at, entry)?.map(|(swept, flagged)| {
+                let (points, wanted) = (swept.points.len(), entry.refused_points);
+                self.flagged.push(Flagged { run: name.clone(), file: entry.file.clone(), points, flagged, wanted });
+                RunData::Eis(swept)
+            }),
         };
         let data = match data {
             Ok(data) => data,
@@ -186,7 +206,10 @@ fn ends(series: &TimeSeries) -> (f64, f64) {
     (end(series.time_s.first()), end(series.time_s.last()))
 }
 
-fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<RunData, String>, ConfigError> {
+/// A sweep, and what the quality gate of its measurement has refused of it.
+type Swept = (Sweep, Vec<FlaggedPoint>);
+
+fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<Swept, String>, ConfigError> {
     let spectra = match files::spectra(&at.source.relative(&entry.file)) {
         Ok(spectra) => spectra,
         Err(error) => return at.damaged(error),
@@ -222,7 +245,8 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<RunData, String>, Confi
     if sweep.points.is_empty() {
         return Err(at.complain("from_hz", "expected frequencies of the sweep from `from_hz` to `to_hz`, found none"));
     }
-    Ok(Ok(RunData::Eis(sweep)))
+    let flagged = chosen.flagged.iter().filter(|point| (from_hz..=to_hz).contains(&point.freq_hz)).cloned().collect();
+    Ok(Ok((sweep, flagged)))
 }
 
 /// The spectrum of a name; else the only one; else the only one at this bias.
@@ -248,7 +272,7 @@ impl At<'_> {
         self.source.complain(&format!("runs.{}.{field}", self.number), reason)
     }
 
-    fn damaged(&self, error: FileError) -> Result<Result<RunData, String>, ConfigError> {
+    fn damaged<T>(&self, error: FileError) -> Result<Result<T, String>, ConfigError> {
         match error {
             FileError::Usage(text) => Err(self.complain("file", text)),
             FileError::Damaged(text) => Ok(Err(text)),

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use analysis::{
     augmented::Between,
     calibration::CommonError,
-    dataset::{TraceRow, read_trace_csv},
+    dataset::{FlaggedPoint, TraceRow, read_trace_csv},
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
     effects::Below,
     series::TimeSeries,
@@ -15,7 +15,7 @@ use analysis::{
 use serde::Deserialize;
 
 use super::{
-    DataSetProblem, Loaded,
+    DataSetProblem, Loaded, Reading,
     files::{self, FileError, Files},
     raw::Direction,
     resolve::{CONTROL_SOC, stem},
@@ -34,17 +34,18 @@ const UNSEEN_V: f64 = 3e-3;
 /// Taken where a run was made without a thermometer, °C.
 const ROOM_C: f64 = 25.0;
 
-/// Reads a run folder. `known`: what an inherited correction leaves, as the run that measured its controls tells it.
+/// Reads a run folder. What its quality gate has refused is left out unless that is asked for here or was asked for in the experiment.
 ///
 /// # Errors
 /// [`ConfigError`] for a folder that is none, or whose files are not as this program writes them.
-pub(super) fn read(folder: &Path, known: Option<CommonError>) -> Result<Loaded, ConfigError> {
+pub(super) fn read(folder: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     let manifest: Manifest = json(&folder.join(MANIFEST), &format!("expected {} or a run folder with {MANIFEST}", super::DATASET_FILE))?;
-    let mut reader = Reader { folder, loaded: empty(manifest.experiment), files: Files::default() };
-    reader.loaded.set.calibration = known;
-    reader.history();
+    let mut reader = Reader { folder, loaded: empty(manifest.experiment), files: Files::default(), refused_points: how.refused_points };
+    reader.loaded.set.calibration = how.known;
+    reader.configured();
     if !folder.join(INDEX).is_file() {
         reader.the_sweep(&manifest.cell.name)?;
+        reader.loaded.leave_out_refused();
         return Ok(reader.loaded);
     }
     let index: Index = json(&folder.join(INDEX), "expected the index of a run")?;
@@ -53,11 +54,13 @@ pub(super) fn read(folder: &Path, known: Option<CommonError>) -> Result<Loaded, 
     let named = |own: &Option<String>| own.clone().unwrap_or_else(|| index.cell.clone());
     index.sweeps.iter().try_for_each(|sweep| reader.sweep(&named(&sweep.cell), sweep, first_s))?;
     index.traces.iter().try_for_each(|trace| reader.trace(&named(&trace.cell), trace, first_s))?;
+    reader.loaded.leave_out_refused();
     Ok(reader.loaded)
 }
 
 fn empty(name: String) -> Loaded {
-    Loaded { set: DataSet { name, runs: Vec::new(), history: None, calibration: None }, problems: Vec::new(), notes: Vec::new() }
+    let set = DataSet { name, runs: Vec::new(), history: None, calibration: None };
+    Loaded { set, problems: Vec::new(), notes: Vec::new(), refused: Vec::new() }
 }
 
 #[derive(Debug, Deserialize)]
@@ -103,6 +106,8 @@ struct SweepEntry {
     below_h: Option<f64>,
     #[serde(default)]
     elapsed_s: Vec<f64>,
+    #[serde(default)]
+    flagged: Vec<FlaggedPoint>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -128,17 +133,21 @@ struct Reader<'a> {
     folder: &'a Path,
     loaded: Loaded,
     files: Files,
+    /// Points that the quality gate has refused are used, too.
+    refused_points: bool,
 }
 
 impl Reader<'_> {
-    /// What the bench's file says of its past: the run keeps a copy of it among its configuration.
-    fn history(&mut self) {
+    /// What the bench's file says of its past, and whether the experiment wanted refused points: the run keeps copies among its configuration.
+    fn configured(&mut self) {
         let Ok(entries) = std::fs::read_dir(self.folder.join(CONFIG)) else { return };
         let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
         files.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
         files.sort();
         for path in files {
             let Some(table) = std::fs::read_to_string(&path).ok().and_then(|text| text.parse::<toml::Table>().ok()) else { continue };
+            let wanted = table.get("fit").and_then(|fit| fit.get("refused_points")).and_then(toml::Value::as_bool);
+            self.refused_points |= wanted.unwrap_or(false);
             let Some(history) = table.get("history") else { continue };
             match history.clone().try_into::<BenchHistory>() {
                 Ok(history) => self.loaded.set.history = Some(history),
@@ -165,10 +174,12 @@ impl Reader<'_> {
             (Fixture::Cell(_), None) => return Err(self.complain(INDEX, format!("sweep {name}: expected `start_ocv_v`, found none"))),
             _ => Start::Soc(CONTROL_SOC),
         };
-        let Some(mut data) = self.spectrum(&entry.file, &name)? else { return Ok(()) };
+        let Some((mut data, flagged)) = self.spectrum(&entry.file, &name)? else { return Ok(()) };
+        let flagged = if entry.flagged.is_empty() { flagged } else { entry.flagged.clone() };
         self.loaded.set.calibration = self.loaded.set.calibration.or(entry.common_error);
         if let RunData::Eis(sweep) = &mut data {
             sweep.below = Below { r_ohm: entry.below_ohm.unwrap_or(0.0), l_h: entry.below_h.unwrap_or(0.0) };
+            self.loaded.flag((&name, &entry.file), (&flagged, sweep.points.len()), self.refused_points);
             if sweep.points.len() == entry.elapsed_s.len() {
                 sweep.elapsed_s.clone_from(&entry.elapsed_s);
             }
@@ -258,7 +269,10 @@ impl Reader<'_> {
 
     /// The one sweep of a folder without an index. What the cell rested at stands in the readings.
     fn the_sweep(&mut self, cell: &str) -> Result<(), ConfigError> {
-        let Some(data) = self.spectrum(SPECTRUM, "spectrum")? else { return Ok(()) };
+        let Some((data, flagged)) = self.spectrum(SPECTRUM, "spectrum")? else { return Ok(()) };
+        if let RunData::Eis(sweep) = &data {
+            self.loaded.flag(("spectrum", SPECTRUM), (&flagged, sweep.points.len()), self.refused_points);
+        }
         let (ocv_v, temperature_c) = self.readings()?;
         let temperature_c = self.temperature("spectrum", temperature_c);
         self.loaded.set.runs.push(Run {
@@ -291,7 +305,8 @@ impl Reader<'_> {
         Ok((ocv_v, rows.iter().rev().find_map(|row| number(row, 4))))
     }
 
-    fn spectrum(&mut self, file: &str, name: &str) -> Result<Option<RunData>, ConfigError> {
+    /// A sweep, and what the quality gate has refused of it as its file says.
+    fn spectrum(&mut self, file: &str, name: &str) -> Result<Option<(RunData, Vec<FlaggedPoint>)>, ConfigError> {
         let read = files::spectra(&self.folder.join(file));
         let spectra = self.or_problem(name, read)?.unwrap_or_default();
         if spectra.len() > 1 {
@@ -299,7 +314,7 @@ impl Reader<'_> {
             self.loaded.problems.push(DataSetProblem { run: name.to_owned(), text });
             return Ok(None);
         }
-        Ok(spectra.first().map(|one| RunData::Eis(files::sweep(&one.spectrum, 0.0, None))))
+        Ok(spectra.first().map(|one| (RunData::Eis(files::sweep(&one.spectrum, 0.0, None)), one.flagged.clone())))
     }
 
     fn or_problem<T>(&mut self, name: &str, read: Result<T, FileError>) -> Result<Option<T>, ConfigError> {

@@ -5,17 +5,19 @@ use std::path::Path;
 use analysis::{
     dataset::RunIndex,
     diagnosis::{Planned, PlannedRun, RunData},
+    fit::RefusedPoint,
 };
 
 use crate::{
     command::Failure,
     config::ConfigError,
-    dataset::{Loaded, read_after},
+    dataset::{Loaded, Reading, read_as},
 };
 
 /// Adds the runs of an experiment to those before it: they come later, and repeat what the plan says that they repeat.
 pub(super) fn add(loaded: &mut Loaded, (first, folder): (&Path, &Path), planned: &[PlannedRun]) -> Result<(), Failure> {
-    let mut more = read_after(folder, loaded.set.calibration)?;
+    let refused_points = loaded.refused.iter().any(|point| point.fitted);
+    let mut more = read_as(folder, Reading { known: loaded.set.calibration, refused_points })?;
     let later_s = begin_s(folder)? - begin_s(first)?;
     let orders = loaded.set.runs.iter().map(|run| run.order + 1).max().unwrap_or(0);
     let prefix = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
@@ -33,6 +35,9 @@ pub(super) fn add(loaded: &mut Loaded, (first, folder): (&Path, &Path), planned:
     loaded.set.runs.extend(more.set.runs);
     loaded.problems.extend(more.problems);
     loaded.notes.extend(more.notes);
+    loaded.refused.extend(more.refused.into_iter().map(|point| RefusedPoint { spectrum: format!("{prefix}_{}", point.spectrum), ..point }));
+    // A repeat of what lost a point before has to lose it too.
+    loaded.leave_out_refused();
     Ok(())
 }
 

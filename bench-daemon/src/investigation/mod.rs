@@ -27,7 +27,7 @@ use crate::{
         Failure,
         run::{
             Measured, Session,
-            results::{leave_out, refused_points},
+            results::{every_sweep, leave_out, refused_points},
         },
     },
     config::Experiment,
@@ -306,9 +306,10 @@ fn step(folder: &Path, bought: Option<Bought>, diagnosis: &Diagnosis) -> Step {
 /// The ERM of the campaign's sweeps, of the order that they bear, with the curve that the user states.
 fn base_model(experiment: &Experiment, measured: &Measured, means: &Means<'_>) -> Result<BaseModel, Failure> {
     let refused = |error: &dyn std::fmt::Display| Failure::Analysis(format!("no model: {error}"));
-    let mut sweeps: Vec<Spectrum> = std::iter::once(&measured.spectrum).chain(&measured.repeats).cloned().collect();
-    let gated = refused_points(measured, experiment);
-    leave_out(&mut sweeps, &gated);
+    let mut sweeps: Vec<Spectrum> = every_sweep(measured).cloned().collect();
+    let every: Vec<usize> = (0..sweeps.len()).collect();
+    let gated = refused_points(measured, &every, experiment.fit.refused_points);
+    leave_out(sweeps.iter_mut().enumerate(), &gated);
     sweeps.retain(|sweep| !sweep.points.is_empty());
     if sweeps.is_empty() {
         return Err(Failure::Refused { count: gated.len() });
@@ -328,7 +329,7 @@ fn base_model(experiment: &Experiment, measured: &Measured, means: &Means<'_>) -
     let erm = fit.erm.clone();
     let mut file = ModelFile::new(&experiment.cell.name, fit, sweeps.iter().map(|sweep| sweep.name.clone()).collect(), None);
     file.ocv = Some(means.ocv.clone());
-    file.refused = gated;
+    file.refused = gated.into_iter().map(|(_, point)| point).collect();
     let path: PathBuf = means.out.join("model.json");
     let text = file.to_json().map_err(|error| refused(&error))?;
     analysis::dataset::write_atomically(&path, text.as_bytes()).map_err(|error| refused(&error))?;

@@ -155,16 +155,24 @@ impl Recorder {
         Ok(dataset::write_flagged_spectrum_csv(&self.path(name), points, flags)?)
     }
 
-    /// Writes a spectrum whole, with the errors that its points share.
+    /// The same as Parquet.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn whole_spectrum(&self, name: &str, spectrum: &Spectrum) -> Result<(), RecordError> {
+    pub fn flagged_parquet(&self, name: &str, points: &[ImpedancePoint], flags: &[String]) -> Result<(), RecordError> {
+        Ok(dataset::write_flagged_spectrum_parquet(&self.path(name), points, flags)?)
+    }
+
+    /// Writes a spectrum whole, with the errors that its points share and what the quality gate has refused.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn whole_spectrum(&self, name: &str, spectrum: &Spectrum, flags: &[String]) -> Result<(), RecordError> {
         let path = self.path(name);
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
         }
         self.room(name)?;
-        Ok(dataset::write_whole_spectrum_csv(&path, spectrum)?)
+        Ok(dataset::write_whole_spectrum_csv(&path, spectrum, flags)?)
     }
 }

@@ -6,12 +6,12 @@ use std::collections::{
     btree_map::Entry::{Occupied, Vacant},
 };
 
-use analysis::{calibration::Correction, dataset, spectrum::Spectrum};
+use analysis::{calibration::Correction, spectrum::Spectrum};
 use instruments::mock::plant::Fixture;
 
 use super::{
     Measured,
-    sweeping::{Settled, Sweeping},
+    sweeping::{self, Settled, Sweeping},
 };
 use crate::{
     command::Failure,
@@ -41,6 +41,8 @@ impl<'a> Gathered<'a> {
             repeats: Vec::new(),
             own_noise: Vec::new(),
             points: Vec::new(),
+            files: Vec::new(),
+            refused_controls: Vec::new(),
             campaign: experiment.campaign.is_some(),
             multisines: Vec::new(),
         };
@@ -62,6 +64,9 @@ impl<'a> Gathered<'a> {
         let points = settled.points.clone();
         if fixture == Fixture::Cell {
             self.settled.insert(repeat, settled);
+        } else {
+            let refused = sweeping::flags(&points, &mut |_, _| ()).into_iter().map(|point| (fixture_name(fixture), point));
+            self.measured.refused_controls.extend(refused);
         }
         let tell = |recorder: &mut Recorder, text: &str| if restored { Ok(()) } else { recorder.event(Event::Check, text) };
         if repeat == 0 {
@@ -84,17 +89,19 @@ impl<'a> Gathered<'a> {
     /// Everything, once nothing is left to do.
     pub(super) fn whole(self, recorder: &Recorder) -> Result<Measured, Failure> {
         let Self { mut measured, settled, .. } = self;
-        for (place, Settled { points, spectrum, own_noise }) in settled.into_values().enumerate() {
+        for (place, Settled { points, spectrum, own_noise, file }) in settled.into_values().enumerate() {
             if place == 0 {
                 measured.spectrum = spectrum;
             } else {
                 measured.repeats.push(spectrum);
             }
             measured.points.push(points);
+            measured.files.push(file);
             measured.own_noise.push(own_noise);
         }
         if !measured.spectrum.points.is_empty() {
-            dataset::write_spectrum_parquet(&recorder.path("spectrum.parquet"), &measured.spectrum.points).map_err(RecordError::from)?;
+            let flags = measured.points.first().map_or_else(Vec::new, |points| sweeping::flag_texts(points));
+            recorder.flagged_parquet("spectrum.parquet", &measured.spectrum.points, &flags)?;
         }
         Ok(measured)
     }
@@ -126,6 +133,10 @@ fn judge(
 /// Computes the correction from the controls and stops the run when it does not make them right.
 fn correct(recorder: &mut Recorder, experiment: &Experiment, (measured, tell): (&mut Measured, Tell<'_>)) -> Result<(), Failure> {
     let Some(check) = &experiment.fixture_check else { return Ok(()) };
+    if let Some(name) = fixture_check::refused_whole(&measured.sweeps) {
+        let text = format!("{name}: expected points for the correction, the quality gate has refused every one of them");
+        return Err(Failure::FixtureCheck(text));
+    }
     let correction = fixture_check::correction(&experiment.bench, &measured.sweeps)
         .map_err(|error| Failure::FixtureCheck(format!("no correction can be computed: {error}")))?;
     recorder.json("correction.json", &correction)?;
@@ -134,10 +145,12 @@ fn correct(recorder: &mut Recorder, experiment: &Experiment, (measured, tell): (
     for fixture in [Fixture::FakeCell, Fixture::Short] {
         let name = fixture_name(fixture);
         let Some(control) = measured.controls.iter_mut().find(|control| control.control == name) else { continue };
-        let points = measured.sweeps.get(name).map_or(&[][..], Vec::as_slice);
+        // What the gate has refused says nothing of the correction, for or against it.
+        let points: Vec<SweepPoint> =
+            measured.sweeps.get(name).map_or_else(Vec::new, |points| fixture_check::let_through(points).cloned().collect());
         let correction = (&measured.correction, check.corrected_tolerance);
-        let verdict = fixture_check::judge_corrected(&experiment.bench, fixture, correction, fixture_check::swept(experiment, points));
-        control.believed = Some(fixture_check::believed(experiment, fixture, correction, points));
+        let verdict = fixture_check::judge_corrected(&experiment.bench, fixture, correction, fixture_check::swept(experiment, &points));
+        control.believed = Some(fixture_check::believed(experiment, fixture, correction, &points));
         let text = format!("{name} after the correction: {}", verdict.text);
         tell(recorder, &text)?;
         if !verdict.passed && wrong.is_none() {

@@ -3,7 +3,7 @@
 use std::{fmt::Write as _, path::Path};
 
 use analysis::{
-    dataset::{self, FlaggedPoint, Role, SweepEntry},
+    dataset::{FlaggedPoint, Role, SweepEntry},
     multisine::Line,
     spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, raw_impedance},
 };
@@ -15,7 +15,7 @@ use crate::{
     config::Experiment,
     executor::{Entrance, Executor},
     plan::{Stage, Step, fixture_name},
-    record::{RecordError, Recorder},
+    record::Recorder,
 };
 
 /// What one multisine measured.
@@ -89,10 +89,11 @@ pub(super) fn write(
     let corrected: Vec<ImpedancePoint> = found.iter().map(|(phasors, ..)| correction.apply(phasors)).collect();
     let raw: Vec<ImpedancePoint> = found.iter().map(|(phasors, ..)| raw_impedance(phasors, experiment.bench.wiring.shunt.r_ohm)).collect();
     let lines: Vec<Line> = found.iter().map(|(.., line)| *line).collect();
-    recorder.spectrum(&named("raw_multisine.csv", repeat), &raw)?;
-    recorder.spectrum(&named("multisine.csv", repeat), &corrected)?;
+    let flags: Vec<String> = found.iter().map(|(phasors, ..)| reasons(&flagged, phasors.freq_hz)).collect();
+    recorder.flagged_spectrum(&named("raw_multisine.csv", repeat), &raw, &flags)?;
+    recorder.flagged_spectrum(&named("multisine.csv", repeat), &corrected, &flags)?;
     recorder.text(&named("multisine_lines.csv", repeat), &table(&lines))?;
-    dataset::write_spectrum_parquet(&recorder.path(&named("multisine.parquet", repeat)), &corrected).map_err(RecordError::from)?;
+    recorder.flagged_parquet(&named("multisine.parquet", repeat), &corrected, &flags)?;
     let own = |((phasors, ..), point): (&Found, &ImpedancePoint)| {
         let covariance = correction.measured_parts(phasors).into_iter().sum();
         ImpedancePoint { covariance, ..*point }
@@ -102,11 +103,16 @@ pub(super) fn write(
     let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
     let spectrum = Spectrum::new(experiment.name.clone(), corrected);
     let spectrum = sweeping::with_shared(spectrum, &phasors, (correction, &sweeping::jig_phasors(measured)));
-    sweeping::write_shared(recorder, &named("multisine.csv", repeat), &spectrum)?;
+    sweeping::write_shared(recorder, &named("multisine.csv", repeat), (&spectrum, &flags))?;
     let volts_per_div = found.iter().map(|(_, volts_per_div, _)| *volts_per_div).collect();
     let run = MultisineRun { spectrum, own_noise, noise_dof: noise_dof(stage), flagged, lines, volts_per_div, took_s };
     recorder.json(&named("multisine.json", repeat), &run)?;
     Ok(run)
+}
+
+/// Why the quality gate refused the line at a frequency; empty where it has let it through.
+fn reasons(flagged: &[FlaggedPoint], freq_hz: f64) -> String {
+    flagged.iter().filter(|point| point.freq_hz == freq_hz).flat_map(|point| &point.reasons).cloned().collect::<Vec<_>>().join("; ")
 }
 
 /// What a multisine of an earlier process measured.

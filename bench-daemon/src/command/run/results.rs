@@ -12,7 +12,6 @@ mod validity;
 
 use analysis::{
     budget::Budget,
-    dataset,
     fit::{Bounds, CellSweeps, ErmFit, FitOptions, ModelFile, PackModel, RefusedPoint, fit_cells},
     pack::Pack,
     spectrum::Spectrum,
@@ -31,11 +30,27 @@ const SAME_AMPLITUDE: f64 = 0.1;
 /// # Errors
 /// A fit that cannot be made; a file that cannot be written.
 pub(super) fn write(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Result<String, Failure> {
+    tell_controls(recorder, measured);
     let mut shown = beside::write(recorder, measured)?;
     let ocv = ocv::write(recorder, experiment, &mut shown)?;
     ranges::warn(recorder, measured)?;
     let text = evaluate(recorder, experiment, (measured, shown))?;
     Ok(text.replacen("\nrun folder:", &format!("{ocv}\nrun folder:"), 1))
+}
+
+/// Says what the correction was made without.
+fn tell_controls(recorder: &mut Recorder, measured: &Measured) {
+    let mut names: Vec<&str> = measured.refused_controls.iter().map(|(name, _)| *name).collect();
+    names.dedup();
+    for name in names {
+        let of = measured.refused_controls.iter().filter(|(control, _)| *control == name);
+        let points: Vec<String> = of.map(|(_, point)| format!("{:.4} Hz ({})", point.freq_hz, point.reasons.join("; "))).collect();
+        recorder.warning(&format!(
+            "{} points of the {name} that the quality gate refused are left out of the correction: {}",
+            points.len(),
+            points.join(", ")
+        ));
+    }
 }
 
 /// What follows from the sweeps of the cell.
@@ -46,16 +61,18 @@ fn evaluate(recorder: &mut Recorder, experiment: &Experiment, (measured, shown):
     }
     let fits = fit_orders(recorder, experiment, measured);
     let pack = Pack::new(experiment.cell.series, experiment.cell.parallel, 0.0).map_err(|error| Failure::Analysis(error.to_string()))?;
+    let named: Vec<RefusedPoint> =
+        refused_points(measured, &alike(measured), experiment.fit.refused_points).into_iter().map(|(_, point)| point).collect();
     for fit in &fits {
         let mapped = PackModel::new(&fit.erm, pack).map_err(|error| Failure::Analysis(error.to_string()))?;
         let mut model = ModelFile::new(&experiment.cell.name, fit.clone(), vec![measured.spectrum.name.clone()], Some(mapped));
-        model.refused = refused_points(measured, experiment);
+        model.refused = named.clone();
         let text = model.to_json().map_err(|error| Failure::Analysis(error.to_string()))?;
         recorder.text(&format!("model_{}rc.json", model.rc), &text)?;
     }
     for (name, points) in &measured.sweeps {
         let raw = fixture_check::raw_points(&experiment.bench, points);
-        dataset::write_spectrum_parquet(&recorder.path(&format!("raw_{name}.parquet")), &raw).map_err(crate::record::RecordError::from)?;
+        recorder.flagged_parquet(&format!("raw_{name}.parquet"), &raw, &super::sweeping::flag_texts(points))?;
     }
     let cell = measured.sweeps.get(crate::plan::fixture_name(Fixture::Cell)).map_or(&[][..], Vec::as_slice);
     let budget = Budget::new(&measured.correction, cell.iter().map(|point| &point.phasors));
@@ -75,12 +92,13 @@ fn evaluate(recorder: &mut Recorder, experiment: &Experiment, (measured, shown):
 
 /// The orders that could be fitted, to all sweeps of the cell together; one that could not is noted and does not cost the others.
 fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, measured: &Measured) -> Vec<ErmFit> {
-    let mut spectra = storage::less_charge_storage(recorder, experiment, alike(measured));
-    let refused = refused_points(measured, experiment);
-    if leave_out(&mut spectra, &refused) {
+    let chosen = alike(measured);
+    let mut spectra = storage::less_charge_storage(recorder, experiment, alike_sweeps(measured));
+    let refused = refused_points(measured, &chosen, experiment.fit.refused_points);
+    let left_out = leave_out(chosen.iter().copied().zip(&mut spectra), &refused);
+    if left_out > 0 {
         recorder.warning(&format!(
-            "{} points that the quality gate refused are left out of the models: [fit] refused_points = true keeps them",
-            refused.len()
+            "{left_out} points that the quality gate refused are left out of the models: [fit] refused_points = true keeps them"
         ));
         let left = spectra.iter().map(|spectrum| spectrum.points.len()).max().unwrap_or(0);
         spectra.retain(|spectrum| !spectrum.points.is_empty());
@@ -102,31 +120,36 @@ fn fit_orders(recorder: &mut Recorder, experiment: &Experiment, measured: &Measu
     fits
 }
 
-/// Takes points that are not to be fitted out of their spectra; whether there were any.
-pub(crate) fn leave_out(spectra: &mut [Spectrum], refused: &[RefusedPoint]) -> bool {
-    let left_out =
-        |name: &str, freq_hz: f64| refused.iter().any(|point| !point.fitted && point.spectrum == name && point.freq_hz == freq_hz);
-    for spectrum in spectra {
-        let name = spectrum.name.clone();
-        spectrum.keep(|point| !left_out(&name, point.freq_hz));
-    }
-    refused.iter().any(|point| !point.fitted)
+/// All sweeps of the cell, in their order.
+pub(crate) fn every_sweep(measured: &Measured) -> impl Iterator<Item = &Spectrum> {
+    std::iter::once(&measured.spectrum).chain(&measured.repeats)
 }
 
-/// What the quality gate has refused to the end, and whether it is fitted all the same.
-pub(crate) fn refused_points(measured: &Measured, experiment: &Experiment) -> Vec<RefusedPoint> {
-    let of = |(spectrum, points): (&Spectrum, &Vec<SweepPoint>)| {
-        let name = spectrum.name.clone();
-        let refused = points.iter().filter(|point| !point.failing.is_empty());
-        let named = move |point: &SweepPoint| RefusedPoint {
-            spectrum: name.clone(),
+/// Takes points that are not to be fitted out of sweeps, which come with their places among all: repeats may have one name. How many there were.
+pub(crate) fn leave_out<'a>(sweeps: impl Iterator<Item = (usize, &'a mut Spectrum)>, refused: &[(usize, RefusedPoint)]) -> usize {
+    let mut count = 0;
+    for (place, spectrum) in sweeps {
+        let before = spectrum.points.len();
+        spectrum.keep(|point| !refused.iter().any(|(of, one)| *of == place && !one.fitted && one.freq_hz == point.freq_hz));
+        count += before - spectrum.points.len();
+    }
+    count
+}
+
+/// What the quality gate has refused to the end, with the place of its sweep among all, and whether it is fitted all the same: only the chosen sweeps are.
+pub(crate) fn refused_points(measured: &Measured, chosen: &[usize], wanted: bool) -> Vec<(usize, RefusedPoint)> {
+    let of = |(place, (spectrum, points)): (usize, (&Spectrum, &Vec<SweepPoint>))| {
+        let named = |point: &SweepPoint| RefusedPoint {
+            spectrum: spectrum.name.clone(),
+            file: measured.files.get(place).cloned().unwrap_or_default(),
             freq_hz: point.phasors.freq_hz,
             reasons: point.failing.iter().map(ToString::to_string).collect(),
-            fitted: experiment.fit.refused_points,
+            fitted: wanted && chosen.contains(&place),
         };
-        refused.map(named).collect::<Vec<_>>()
+        let refused = points.iter().filter(|point| !point.failing.is_empty());
+        refused.map(|point| (place, named(point))).collect::<Vec<_>>()
     };
-    std::iter::once(&measured.spectrum).chain(&measured.repeats).zip(&measured.points).flat_map(of).collect()
+    every_sweep(measured).zip(&measured.points).enumerate().flat_map(of).collect()
 }
 
 /// The sweeps by the cell of a campaign that each is of; all of one cell elsewhere.
@@ -143,12 +166,18 @@ fn by_cell(experiment: &Experiment, spectra: &[Spectrum]) -> Vec<CellSweeps> {
     cells
 }
 
-/// The sweeps of the cell at the amplitude of the first: at another one the cell may be another.
-fn alike(measured: &Measured) -> Vec<&Spectrum> {
+/// The places of the sweeps of the cell at the amplitude of the first: at another one the cell may be another.
+fn alike(measured: &Measured) -> Vec<usize> {
     let amplitude_a = |spectrum: &Spectrum| spectrum.points.first().map_or(f64::NAN, |point| point.amplitude_a);
     let first_a = amplitude_a(&measured.spectrum);
-    let same = |spectrum: &&Spectrum| (amplitude_a(spectrum) / first_a - 1.0).abs() < SAME_AMPLITUDE;
-    std::iter::once(&measured.spectrum).chain(measured.repeats.iter().filter(same)).collect()
+    let same = |place: usize, spectrum: &Spectrum| place == 0 || (amplitude_a(spectrum) / first_a - 1.0).abs() < SAME_AMPLITUDE;
+    every_sweep(measured).enumerate().filter(|(place, spectrum)| same(*place, spectrum)).map(|(place, _)| place).collect()
+}
+
+/// The sweeps at these places.
+fn alike_sweeps(measured: &Measured) -> Vec<&Spectrum> {
+    let chosen = alike(measured);
+    every_sweep(measured).enumerate().filter(|(place, _)| chosen.contains(place)).map(|(_, spectrum)| spectrum).collect()
 }
 
 /// Sweeps at several amplitudes compared, in words; none where there is one amplitude. Each is judged by the noise of its own records.

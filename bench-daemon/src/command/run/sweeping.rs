@@ -46,6 +46,8 @@ pub(super) struct Settled {
     pub(super) spectrum: Spectrum,
     /// The same with the noise of its own records only.
     pub(super) own_noise: Spectrum,
+    /// The file that the index names.
+    pub(super) file: String,
 }
 
 impl<'a> Sweeping<'a> {
@@ -93,7 +95,7 @@ impl<'a> Sweeping<'a> {
         let at_once = |of: &dyn Fn(&SweepPoint) -> ImpedancePoint| {
             at_one_time(&points.iter().map(|point| (point.time_s, of(point))).collect::<Vec<_>>())
         };
-        recorder.spectrum(&self.raw, &at_once(&|point| self.as_read(point)))?;
+        let as_read = at_once(&|point| self.as_read(point));
         let corrected = at_once(&|point| self.corrected(point));
         let own = at_once(&|point| {
             let covariance = self.correction.measured_parts(&point.phasors).into_iter().sum();
@@ -109,17 +111,18 @@ impl<'a> Sweeping<'a> {
             }
             same
         });
+        let flags = flag_texts(&points);
+        recorder.flagged_spectrum(&self.raw, &as_read, &flags)?;
         if let Some(file) = &self.file {
-            let reasons = |point: &SweepPoint| point.failing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
-            recorder.flagged_spectrum(file, &corrected, &points.iter().map(reasons).collect::<Vec<_>>())?;
+            recorder.flagged_spectrum(file, &corrected, &flags)?;
         }
         let named = |points| Spectrum::new(self.spectrum_name(), points);
         let phasors: Vec<ChannelPhasors> = points.iter().map(|point| point.phasors).collect();
         let spectrum = self.with_shared(named(corrected), &phasors);
         if let Some(file) = &self.file {
-            write_shared(recorder, file, &spectrum)?;
+            write_shared(recorder, file, (&spectrum, &flags))?;
         }
-        Ok(Settled { points, spectrum, own_noise: named(own) })
+        Ok(Settled { points, spectrum, own_noise: named(own), file: self.indexed().to_owned() })
     }
 
     /// A spectrum of the cell with what the correction leaves wrong in all its points; its errors are the same for all sweeps of the run.
@@ -198,7 +201,9 @@ pub(super) fn shunt_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
 
 /// What the channels showed of a control.
 fn phasors_of(measured: &Measured, fixture: Fixture) -> Vec<ChannelPhasors> {
-    measured.sweeps.get(fixture_name(fixture)).into_iter().flatten().map(|point| point.phasors).collect()
+    let all = measured.sweeps.get(fixture_name(fixture)).into_iter().flatten();
+    // As the correction was made without what the quality gate has refused.
+    all.filter(|point| point.failing.is_empty()).map(|point| point.phasors).collect()
 }
 
 /// What they showed of the fake cell before the first cell; empty without one.
@@ -215,12 +220,12 @@ pub(super) fn with_shared(spectrum: Spectrum, phasors: &[ChannelPhasors], (corre
 }
 
 /// Writes a spectrum with its shared errors beside its own file; nothing where it has none.
-pub(super) fn write_shared(recorder: &Recorder, file: &str, spectrum: &Spectrum) -> Result<(), RecordError> {
+pub(super) fn write_shared(recorder: &Recorder, file: &str, (spectrum, flags): (&Spectrum, &[String])) -> Result<(), RecordError> {
     if spectrum.shared.is_empty() {
         return Ok(());
     }
     let name = file.strip_prefix("spectra/").unwrap_or(file);
-    recorder.whole_spectrum(&format!("shared/{name}"), spectrum)
+    recorder.whole_spectrum(&format!("shared/{name}"), spectrum, flags)
 }
 
 /// What lies between the lower tap and the ground of the channels: the median of the resistance over the points, and of the inductance over the upper half of
@@ -250,6 +255,11 @@ pub(super) fn own_sigma_ohm(own_noise: &Spectrum) -> Vec<[f64; 2]> {
         own_noise.points.iter().map(|point| [point.covariance.re_re, point.covariance.im_im].map(|v| v.max(0.0).sqrt())).collect();
     // JSON has no word for what is not a number.
     if sigma.iter().flatten().all(|sigma| sigma.is_finite()) { sigma } else { Vec::new() }
+}
+
+/// What the quality gate refused of each point, in words of the tables; empty for the others.
+pub(super) fn flag_texts(points: &[SweepPoint]) -> Vec<String> {
+    points.iter().map(|point| point.failing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")).collect()
 }
 
 /// What the quality gate refused to the end: told, and in words of the index.

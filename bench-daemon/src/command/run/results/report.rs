@@ -118,7 +118,7 @@ fn drawn(error: PlotError) -> Failure {
 
 /// The models against all that they were fitted to.
 fn models_figures(recorder: &Recorder, experiment: &Experiment, (measured, fits): (&Measured, &[ErmFit])) -> Result<Vec<Figure>, Failure> {
-    let pool: Vec<Spectrum> = super::alike(measured).into_iter().cloned().collect();
+    let pool: Vec<Spectrum> = super::alike_sweeps(measured).into_iter().cloned().collect();
     let mut figures = Vec::new();
     for plot in plots(experiment, measured, (&pool, fits)) {
         figures.push(nyquist(recorder, plot)?);
@@ -232,7 +232,7 @@ fn noted(recorder: &Recorder, fits: &[ErmFit]) -> Vec<Verdict> {
 fn described(experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> Option<Verdict> {
     let known = fits.iter().filter_map(|fit| Some((fit.reduced_chi2?, fit)));
     let (chi2, fit) = known.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let (rc, pool) = (fit.erm.branches.len(), super::alike(measured));
+    let (rc, pool) = (fit.erm.branches.len(), super::alike_sweeps(measured));
     let (what, its) = match pool.len() {
         0 | 1 => ("the spectrum".to_owned(), "its"),
         count => (format!("the {count} spectra"), "their"),
