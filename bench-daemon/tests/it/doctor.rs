@@ -205,3 +205,15 @@ fn a_latched_bench_is_not_connected_to_and_the_report_before_stands() {
 fn edit(path: &Path, from: &str, to: &str) {
     fs::write(path, fs::read_to_string(path).unwrap().replace(from, to)).unwrap();
 }
+
+#[test]
+fn a_bench_that_another_program_drives_is_left_alone() {
+    let files = Files::short(2);
+    let ports = Ports::serve(&files, 4.0, 1);
+    assert_eq!(ports.ask("load", ":INP ON\n:INP?"), "1");
+    let refused = doctor(&files, "fake_cell", "report");
+    refused.expect_code(2);
+    assert!(refused.message().starts_with("expected every output off at the beginning, found load ON"), "{}", refused.message());
+    assert!(!files.path("report/doctor.json").exists());
+    assert_eq!(ports.ask("load", ":INP?"), "1");
+}

@@ -233,6 +233,9 @@ fn a_bench_in_this_process_leaves_nothing_behind() {
     for words in [&["safe"][..], &["clear"]] {
         assert!(on_bench(&files, words).expect_code(0).stdout.starts_with("demo is simulated in the process that runs it"));
     }
+    let said = on_bench(&files, &["safe", "--json"]).expect_code(0).stdout.clone();
+    let report: serde_json::Value = serde_json::from_str(said.trim()).unwrap();
+    assert!(report["verified"] == false && report["simulated"] == true, "nothing was read back: {report}");
 }
 
 #[test]

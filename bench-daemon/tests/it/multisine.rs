@@ -188,6 +188,15 @@ fn the_gate_lets_a_good_multisine_through_and_flags_what_fails_to_the_end() {
         "{}",
         finished.summary
     );
+    for file in ["multisine.csv", "raw_multisine.csv"] {
+        let table = fs::read_to_string(curved.path("run").join(file)).unwrap();
+        assert!(table.lines().next().unwrap().ends_with(",flags"), "{file}: {table}");
+        assert_eq!(table.lines().filter(|line| line.contains("distortion: expected")).count(), flagged.len(), "{file}: {table}");
+    }
+    let plain = fs::read_to_string(good.path("run/multisine.csv")).unwrap();
+    assert!(!plain.contains("flags"), "{plain}");
+    let points = analysis::dataset::read_spectrum_parquet(&curved.path("run/multisine.parquet")).unwrap();
+    assert_eq!(points.len(), finished.measured.multisines[0].spectrum.points.len());
     // Without any time for it nothing is recorded again.
     let hurried = one_branch("[effects.butler_volmer]\nbranch = 1\nalpha = 0.3")
         .append(EXPERIMENT, &GATE.replace("again", "distortion = \"0.3 %\"\nagain").replace("10 min", "10 s"));

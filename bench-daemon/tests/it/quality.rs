@@ -154,3 +154,131 @@ fn what_the_gate_refuses_has_an_exit_code_a_column_and_no_model_unless_asked() {
     let points = model["refused"].as_array().unwrap();
     assert_eq!((points.len(), &points[0]["fitted"]), (4, &true.into()), "{model}");
 }
+
+/// Three sweeps of which the gate refuses some points and lets others through.
+fn partly_refused() -> Files {
+    let noise = "noise = \"0.2 %\"\nagain = 0";
+    gated(100.0, 6, noise).edit(EXPERIMENT, "points = 6", "points = 6\nrepeat = 3").append(SCENARIO, "[harness]\nnoise_fraction = 0.05")
+}
+
+/// The table with a flag at these rows.
+fn flagged_table(plain: &str, rows: &[usize]) -> String {
+    let mut lines = plain.lines();
+    let mut text = format!("{},flags\n", lines.next().unwrap());
+    for (row, line) in lines.enumerate() {
+        let flag = if rows.contains(&row) { "noise: expected at most 0.5 %  found 3 %; drift: much" } else { "" };
+        text.push_str(&format!("{line},{flag}\n"));
+    }
+    text
+}
+
+#[test]
+fn a_fit_of_a_file_leaves_out_what_the_file_says_was_refused_unless_asked() {
+    let files = gated(100.0, 6, "");
+    files.run("run").expect_code(0);
+    let plain = files.text("run/spectrum.csv");
+    assert!(!plain.lines().next().unwrap().contains("flags"), "a run without refused points is as before: {plain}");
+    let fit = |rows: &[usize], more: &[&str], out: &str| {
+        files.write("part.csv", &flagged_table(&plain, rows));
+        let (file, out) = (files.path("part.csv"), files.path(out));
+        let mut words: Vec<&std::ffi::OsStr> = vec!["fit".as_ref(), file.as_os_str(), "--rc".as_ref(), "1".as_ref()];
+        words.extend(["--out".as_ref(), out.as_os_str()]);
+        words.extend(more.iter().map(|word| std::ffi::OsStr::new(*word)));
+        program(&words)
+    };
+    let ended = fit(&[1, 4], &[], "left_out");
+    ended.expect_code(0);
+    assert!(ended.stderr.contains("part: 2 of 6 points are left out: the quality gate refused them: "), "{}", ended.stderr);
+    assert!(ended.stderr.contains("(noise: expected at most 0.5 %  found 3 %; drift: much)"), "{}", ended.stderr);
+    let model = crate::support::json(&files.path("left_out/model_1rc.json"));
+    let refused = model["refused"].as_array().unwrap();
+    assert_eq!((refused.len(), &refused[0]["fitted"], &model["fit"]["points"]), (2, &false.into(), &4.into()), "{model}");
+    fit(&[1, 4], &["--refused-points"], "kept").expect_code(0);
+    let model = crate::support::json(&files.path("kept/model_1rc.json"));
+    assert_eq!((&model["refused"][1]["fitted"], &model["fit"]["points"]), (&true.into(), &6.into()), "{model}");
+    let all = fit(&[0, 1, 2, 3, 4, 5], &[], "none");
+    all.expect_code(11);
+    assert!(!files.path("none/model_1rc.json").exists());
+}
+
+#[test]
+fn refused_points_of_repeats_of_one_name_are_told_apart_and_a_replay_ends_with_the_same_code() {
+    let files = partly_refused();
+    files.run("run").expect_code(11);
+    let index: RunIndex = serde_json::from_str(&files.text("run/traces.json")).unwrap();
+    let flagged: Vec<usize> = index.sweeps.iter().map(|sweep| sweep.flagged.len()).collect();
+    let count: usize = flagged.iter().sum();
+    assert!(flagged.len() == 3 && count > 0 && count < 18, "some and not all: {flagged:?}");
+    let model = crate::support::json(&files.path("run/model_1rc.json"));
+    let refused = model["refused"].as_array().unwrap();
+    assert_eq!(refused.len(), count, "{model}");
+    for sweep in &index.sweeps {
+        let named = refused.iter().filter(|point| point["file"] == sweep.file.as_str()).count();
+        assert_eq!(named, sweep.flagged.len(), "{}: {model}", sweep.file);
+        let (raw, table) = (sweep.file.replace("spectrum.csv", "raw_cell.csv").replace("spectrum_", "raw_cell_"), &sweep.file);
+        for file in [raw.as_str(), table.as_str()] {
+            let table = files.text(&format!("run/{file}"));
+            let rows = table.lines().filter(|line| line.contains("noise: expected at most")).count();
+            assert_eq!(rows, sweep.flagged.len(), "{file}: {table}");
+        }
+    }
+    // What one sweep lost is in the others.
+    let text = format!("note: {count} points that the quality gate refused are left out of the models");
+    assert!(files.text("run/report.html").contains(text.trim_start_matches("note: ")));
+    assert_eq!(model["fit"]["points"], 18 - count, "{model}");
+    let out = files.path("again");
+    let ended = program(&["replay".as_ref(), files.path("run").as_os_str(), "--out".as_ref(), out.as_os_str()]);
+    ended.expect_code(11);
+    assert_eq!(files.text("again/spectrum.csv"), files.text("run/spectrum.csv"));
+    let loaded = bench_daemon::dataset::read_dataset(&files.path("run")).unwrap();
+    assert_eq!(loaded.refused.len(), count, "{:?}", loaded.notes);
+    assert!(
+        loaded.refused.iter().all(|point| !point.fitted) && loaded.notes.iter().any(|note| note.contains("the quality gate refused them"))
+    );
+    let points = |loaded: &bench_daemon::dataset::Loaded| -> Vec<usize> {
+        let of =
+            |run: &analysis::diagnosis::Run| if let analysis::diagnosis::RunData::Eis(sweep) = &run.data { sweep.points.len() } else { 0 };
+        loaded.set.runs.iter().map(of).collect()
+    };
+    let left = points(&loaded);
+    assert!(left.iter().all(|points| *points < 6), "{left:?}");
+    let reading = bench_daemon::dataset::Reading { refused_points: true, ..Default::default() };
+    let wanted = bench_daemon::dataset::read_as(&files.path("run"), reading).unwrap();
+    assert_eq!(points(&wanted), [6, 6, 6]);
+}
+
+#[test]
+fn refused_points_of_a_control_count_are_named_and_do_not_feed_the_correction() {
+    let noisy = |noise: &str| {
+        Files::short(8)
+            .append(EXPERIMENT, &format!("[eis.quality]\nnoise = \"{noise}\"\nagain = 0"))
+            .append(SCENARIO, "[harness]\nnoise_fraction = 0.02")
+    };
+    let files = noisy("0.15 %");
+    let ended = files.run("run");
+    ended.expect_code(11);
+    let controls: usize = ["shunt", "fake_cell"].iter().map(|name| flags_of(&files.text(&format!("run/raw_{name}.csv")))).sum();
+    assert!(controls > 0, "{}", ended.stdout);
+    for name in ["shunt", "fake_cell"] {
+        let (table, words) = (
+            files.text(&format!("run/raw_{name}.csv")),
+            format!("points of the {name} that the quality gate refused are left out of the correction: "),
+        );
+        assert_eq!(ended.stdout.contains(&words), flags_of(&table) > 0, "{name}: {}", ended.stdout);
+    }
+    assert!(ended.message().contains("and of the correction"), "{}", ended.message());
+    // A control of which nothing is left is no control.
+    let files = noisy("0.001 %");
+    let ended = files.run("run");
+    ended.expect_code(4);
+    assert!(
+        ended.message().contains("expected points for the correction, the quality gate has refused every one of them"),
+        "{}",
+        ended.message()
+    );
+}
+
+/// Rows that are flagged.
+fn flags_of(table: &str) -> usize {
+    table.lines().filter(|line| line.contains("expected at most")).count()
+}
