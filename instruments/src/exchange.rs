@@ -4,14 +4,17 @@
 
 mod expect;
 mod identity;
+mod words;
 
 pub use expect::{Expect, after_header, field, hex_word, leading_number};
 pub use identity::Identity;
+pub use words::{CHOSEN, ON_OFF, Says, Setting, Shows, plain};
 
 use crate::{
     link::{Link, LinkError},
     scpi::message::Command,
 };
+use words::Differs;
 
 /// One message with its proof.
 #[derive(Debug, Clone, PartialEq)]
@@ -135,7 +138,10 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
                 expect.judge(&answer).map_err(|expected| LinkError::unexpected(link.name(), message, &answer, &expected))?;
                 if let Some((query, expect)) = read_back {
                     let answer = link.query(query).await?;
-                    expect.judge(&answer).map_err(|expected| LinkError::unexpected(link.name(), query, &answer, &expected))?;
+                    expect.judge(&answer).map_err(|expected| {
+                        let (answer, expected) = readable(link, (query, expect), (&answer, expected));
+                        LinkError::unexpected(link.name(), query, &answer, &expected)
+                    })?;
                 }
             }
             Exchange::Refuse { message, reason } => {
@@ -158,7 +164,25 @@ async fn believe(link: &mut Link, read_back: &str, expect: &Expect, outcome: Res
             return Ok(());
         }
     }
-    outcome
+    outcome.map_err(|error| match error {
+        LinkError::ReadBack { link: name, sent, asked, answered, expected } => {
+            let (answered, expected) = readable(link, (read_back, expect), (&answered, expected));
+            LinkError::ReadBack { link: name, sent, asked, answered, expected }
+        }
+        other => other,
+    })
+}
+
+/// What was answered, and what was expected: of a status word in words, for nobody reads masks at a bench. The raw answer is in the log.
+fn readable(link: &Link, (question, expect): (&str, &Expect), (answer, expected): (&str, String)) -> (String, String) {
+    let masked = matches!(expect, Expect::Bits { .. }) && hex_word(answer).is_some();
+    match Differs::of(link.settings(), question, expect, answer).filter(|_| masked) {
+        Some(words) => {
+            tracing::info!(link = link.name(), "`{question}` is answered by `{answer}`: expected {expected}");
+            (words.found, words.wanted)
+        }
+        None => (answer.to_owned(), expected),
+    }
 }
 
 /// Plays a whole script whatever happens in between, for switching off: neither a message that is refused nor an answer that stays away must keep the
@@ -259,8 +283,10 @@ impl Told {
             // One answer may be garbled on its way: only two make a difference.
             let answer = link.query(question).await?;
             if let Err(expected) = expect.judge(&answer) {
-                let words = expect.other(question, &answer);
-                return Ok(Some(words.unwrap_or_else(|| format!("`{question}` is answered by `{answer}`, this run left {expected}"))));
+                tracing::info!(link = link.name(), "`{question}` is answered by `{answer}`: expected {expected}");
+                let words = Differs::of(link.settings(), question, expect, &answer);
+                let unnamed = || format!("what `{question}` asks for is no longer as this run left it");
+                return Ok(Some(words.map_or_else(unnamed, |words| words.to_string())));
             }
         }
         Ok(None)

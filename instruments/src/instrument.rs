@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::{
-    exchange::{Bound, Exchange, Identity, Told, Way, leading_number, play, play_all},
+    exchange::{Bound, Exchange, Identity, Setting, Told, Way, leading_number, plain, play, play_all},
     link::{Link, LinkError, LinkProfile},
     transport::Address,
     units::{Amps, Volts},
@@ -24,6 +24,23 @@ pub trait Model: Send + Sync {
     fn identity_query(&self) -> &'static str {
         "*IDN?"
     }
+
+    /// What its settings are in words, where one is not what it was set to.
+    fn settings(&self) -> &'static [Setting] {
+        &[]
+    }
+}
+
+/// What ends a direct current of a load or a charger where no message arrives any more, as far as its maker says so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unattended {
+    /// It stops below the voltage that it was given.
+    StopsBelow,
+    /// It holds the voltage that it was given, and the current falls.
+    HoldsVoltage,
+    /// Nothing that is known.
+    NothingKnown,
 }
 
 /// The model of this name in a role's table.
@@ -42,7 +59,8 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
 
 impl<D: Model + ?Sized> Instrument<D> {
     /// Puts a dialect on a link. Sends nothing.
-    pub fn new(link: Link, dialect: &'static D) -> Self {
+    pub fn new(mut link: Link, dialect: &'static D) -> Self {
+        link.speak(dialect.settings());
         Self { link, dialect, channels: Vec::new(), told: Told::default() }
     }
 
@@ -132,8 +150,8 @@ impl<D: Model + ?Sized> Instrument<D> {
         for Bound { query, words, unit } in bounds {
             // Who does not answer once is not asked again: that would only take time.
             let Ok(number) = self.number(query).await else { break };
-            // No sign before a zero, and no words twice.
-            let value = format!("{} {unit}", number + 0.0);
+            // No words twice.
+            let value = format!("{} {unit}", plain(number));
             match told.last_mut().filter(|last: &&mut String| last.starts_with(words)) {
                 Some(last) => last.push_str(&format!(" and {value}")),
                 None => told.push(format!("{words} {value}")),

@@ -24,6 +24,7 @@ use guard::Refusal;
 
 use crate::{
     clock::{Clock, TimeMode},
+    exchange::Setting,
     scpi::{
         decode::{Expect, Response},
         excerpt,
@@ -55,6 +56,8 @@ pub struct Link {
     why: String,
     /// Bench time before which nothing may be sent, s.
     ready_at_s: f64,
+    /// What the instrument's settings are in words.
+    settings: &'static [Setting],
 }
 
 impl Link {
@@ -79,7 +82,18 @@ impl Link {
             identity: None,
             why: "not connected yet".to_owned(),
             ready_at_s: f64::NEG_INFINITY,
+            settings: &[],
         }
+    }
+
+    /// Tells errors of settings in these words.
+    pub fn speak(&mut self, settings: &'static [Setting]) {
+        self.settings = settings;
+    }
+
+    /// What the instrument's settings are in words.
+    pub fn settings(&self) -> &'static [Setting] {
+        self.settings
     }
 
     /// The instrument's name on this bench.

@@ -3,7 +3,7 @@
 
 use super::{Dialect, HARMLESS_C, Status};
 use crate::{
-    exchange::{Exchange, Expect, Identity, Way},
+    exchange::{Exchange, Expect, Identity, Says, Setting, Shows, Way},
     instrument::{Model, ms},
     link::{Grammar, LinkProfile},
     scpi::decode::Terminator,
@@ -27,6 +27,12 @@ const UP: u16 = 1 << 14;
 
 pub(super) struct Huber;
 
+/// Its settings in words.
+const SETTINGS: &[Setting] = &[
+    Setting { question: "{M00****", name: "set-point", says: Says::Hundredths("°C") },
+    Setting::state("{M14****", "control", Says::States(&[(Shows::Text("{S140001"), "on"), (Shows::Text("{S140000"), "off")])),
+];
+
 impl Model for Huber {
     fn key(&self) -> &'static str {
         "huber-pb"
@@ -39,6 +45,10 @@ impl Model for Huber {
     /// There is no name to ask for: the set-point's register tells the dialect, and nothing else does.
     fn identity_query(&self) -> &'static str {
         "{M00****"
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
@@ -86,6 +96,10 @@ impl Dialect for Huber {
 
     fn zero(&self) -> Vec<Way> {
         vec![Way { name: "a set-point of 20 °C", script: self.run(Some(HARMLESS_C)) }]
+    }
+
+    fn setpoint(&self) -> Option<&'static str> {
+        Some("{M00****")
     }
 
     fn queries(&self) -> [&'static str; 2] {

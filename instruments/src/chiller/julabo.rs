@@ -2,7 +2,7 @@
 
 use super::{Dialect, HARMLESS_C, Status};
 use crate::{
-    exchange::{Exchange, Expect, Identity, Way},
+    exchange::{Exchange, Expect, Identity, ON_OFF, Says, Setting, Shows, Way},
     instrument::{Model, ms},
     link::{Grammar, LinkProfile},
     scpi::decode::Terminator,
@@ -13,6 +13,13 @@ use crate::{
 pub(super) const JULABO: Julabo = Julabo;
 
 pub(super) struct Julabo;
+
+/// Its settings in words.
+const SETTINGS: &[Setting] = &[
+    Setting::number("IN_SP_00", "set-point", "°C"),
+    Setting::state("IN_MODE_05", "control", ON_OFF),
+    Setting::state("IN_MODE_04", "sensor", Says::States(&[(Shows::Word("0"), "its own"), (Shows::Word("1"), "an external one")])),
+];
 
 impl Model for Julabo {
     fn key(&self) -> &'static str {
@@ -34,6 +41,10 @@ impl Model for Julabo {
 
     fn identity_query(&self) -> &'static str {
         "VERSION"
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
@@ -61,6 +72,10 @@ impl Dialect for Julabo {
 
     fn zero(&self) -> Vec<Way> {
         vec![Way { name: "a set-point of 20 °C", script: self.run(Some(HARMLESS_C)) }]
+    }
+
+    fn setpoint(&self) -> Option<&'static str> {
+        Some("IN_SP_00")
     }
 
     fn queries(&self) -> [&'static str; 2] {

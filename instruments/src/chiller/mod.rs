@@ -5,7 +5,7 @@ mod julabo;
 mod relay_board;
 
 use crate::{
-    exchange::{Exchange, Expect, Told, Way, leading_number, play},
+    exchange::{Answer, Exchange, Expect, Told, Way, leading_number, look, play},
     instrument::{Instrument, Model},
     link::LinkError,
     units::Celsius,
@@ -44,6 +44,10 @@ pub trait Dialect: Model {
     }
     /// Reads a status answer.
     fn status(&self, answer: &str) -> Status;
+    /// The question for its set-point, which is answered as a temperature is; none of a bath that has none.
+    fn setpoint(&self) -> Option<&'static str> {
+        None
+    }
     /// The question whether it runs, and the answer that means yes, where its status leaves that open.
     fn asks_whether_it_runs(&self, _answer: &str) -> Option<(&'static str, Expect)> {
         None
@@ -140,12 +144,39 @@ impl Instrument<dyn Dialect> {
         Err(LinkError::unexpected(self.link.name(), self.dialect.queries()[1], &status.raw, expected))
     }
 
+    /// Asks whether it stands still, or its relays are open, and changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
+        look(&mut self.link, &self.dialect.run(None)).await
+    }
+
+    /// It was started at this set-point by another process: what must still be so. Sends nothing.
+    pub fn was_left_at(&mut self, setpoint: Celsius) {
+        self.told = if self.is_regulated() { Told::default() } else { Told::of(&self.dialect.run(Some(setpoint))) };
+    }
+
+    /// Its set-point; none of a bath whose loop is closed elsewhere.
+    ///
+    /// # Errors
+    /// The link's; an answer that is no number.
+    pub async fn setpoint(&mut self) -> Result<Option<Celsius>, LinkError> {
+        match self.dialect.setpoint() {
+            Some(query) => self.celsius(query).await.map(Some),
+            None => Ok(None),
+        }
+    }
+
     /// Temperature of the bath.
     ///
     /// # Errors
     /// The link's; an answer that is no number.
     pub async fn temperature(&mut self) -> Result<Celsius, LinkError> {
-        let query = self.dialect.queries()[0];
+        self.celsius(self.dialect.queries()[0]).await
+    }
+
+    async fn celsius(&mut self, query: &str) -> Result<Celsius, LinkError> {
         let answer = self.link.query(query).await?;
         let celsius = self.dialect.celsius(&answer).filter(|celsius| celsius.is_finite());
         celsius.map(Celsius).ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a temperature"))

@@ -1,5 +1,6 @@
 //! What an answer must show, and how numbers and fields are read out of answers. Sends nothing.
 
+use super::words::plain;
 use crate::scpi::{
     message::parse_response,
     number::{parse_bool, parse_quantity},
@@ -50,19 +51,6 @@ pub enum Expect {
     },
 }
 
-/// Fields of a generator's answer, in words, and their units.
-const KEYS: [(&str, &str, &str); 3] = [("FRQ", "frequency", "Hz"), ("AMP", "amplitude", "Vpp"), ("OFST", "offset", "V")];
-/// The ends of questions that are answered by a number, the same.
-const QUESTIONS: [(&str, &str, &str); 7] = [
-    (":FREQ?", "frequency", "Hz"),
-    (":VOLT:OFFS?", "offset", "V"),
-    (":VOLT?", "amplitude or voltage", "V"),
-    (":CURR:LEV:IMM?", "current", "A"),
-    (":POW:LEV:IMM?", "power", "W"),
-    (":CURR?", "current", "A"),
-    ("IN_SP_00", "set-point", "°C"),
-];
-
 impl Expect {
     /// A number that was to be set and is none: no instrument may see it.
     pub(super) fn not_finite(&self) -> Option<f64> {
@@ -70,25 +58,6 @@ impl Expect {
             Self::Number { value, .. } | Self::Magnitude { value, .. } => Some(*value).filter(|value| !value.is_finite()),
             Self::Fields(fields) => fields.iter().map(|(_, value, _)| *value).find(|value| !value.is_finite()),
             Self::All(all) => all.iter().find_map(Self::not_finite),
-            _ => None,
-        }
-    }
-
-    /// What a number in an answer is that is not what it was set to, in the words of a bench; none where there are no such words.
-    pub(super) fn other(&self, question: &str, answer: &str) -> Option<String> {
-        let words = |name: &str, found: &str, set: f64, unit: &str| format!("its {name} is {found}, this run set {set} {unit}");
-        match self {
-            Self::Fields(fields) => fields.iter().find_map(|(key, value, tolerance)| {
-                let text = field(answer, key)?;
-                let (name, unit) = KEYS.iter().find(|(known, ..)| known == key).map(|(_, name, unit)| (*name, *unit))?;
-                judge_number(text, *value, *tolerance, key).is_err().then(|| words(name, text, *value, unit))
-            }),
-            Self::Number { value, tolerance } => {
-                let (_, name, unit) = QUESTIONS.iter().find(|(end, ..)| question.ends_with(end))?;
-                let wrong = judge_number(answer, *value, *tolerance, name).is_err();
-                wrong.then(|| words(name, answer.trim(), *value, unit))
-            }
-            Self::All(all) => all.iter().find_map(|expect| expect.other(question, answer)),
             _ => None,
         }
     }
@@ -105,7 +74,7 @@ impl Expect {
                 let right = |text: &str| leading_number(text).is_some_and(|number| (number.abs() - value).abs() <= *tolerance);
                 (fields.len() == 2 && fields.iter().all(|field| right(&field.text)))
                     .then_some(())
-                    .ok_or_else(|| format!("two numbers within {tolerance:.1e} of ±{value}"))
+                    .ok_or_else(|| format!("two numbers within {tolerance:.1e} of ±{}", plain(*value)))
             }
             Self::Switch(on) => match parse_bool(answer) {
                 Ok(met) if met == *on => Ok(()),
@@ -186,7 +155,7 @@ pub fn hex_word(answer: &str) -> Option<u32> {
 fn judge_number(answer: &str, value: f64, tolerance: f64, what: &str) -> Result<(), String> {
     match parse_response(answer).last().and_then(|field| leading_number(&field.text)) {
         Some(number) if (number - value).abs() <= tolerance => Ok(()),
-        _ => Err(format!("{what} within {tolerance:.1e} of {value}")),
+        _ => Err(format!("{what} within {tolerance:.1e} of {}", plain(value))),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{Capabilities, DELAY_TOLERANCE_S, Dialect, PHASE_TOLERANCE_DEG, QUIET_VPP, Sine, Wave};
 use crate::{
-    exchange::{Exchange, Expect, Identity},
+    exchange::{CHOSEN, Exchange, Expect, Identity, ON_OFF, Says, Setting, Shows},
     instrument::{Model, ms},
     link::LinkProfile,
     units::{Hertz, Volts},
@@ -31,6 +31,70 @@ const OFFSET_TOLERANCE_V: f64 = 1.0e-3;
 
 pub(super) struct Keysight;
 
+/// Its settings in words.
+const SETTINGS: &[Setting] = &[
+    Setting::state("OUTP#?", "output", ON_OFF),
+    Setting::state("OUTP#:LOAD?", "assumed load", Says::States(&[(Shows::Text("E+37"), "an open circuit")])),
+    Setting::state(
+        "OUTP#:POL?",
+        "polarity",
+        Says::States(&[
+            (Shows::Word("NORM"), "normal"),
+            (Shows::Word("NORMAL"), "normal"),
+            (Shows::Word("INV"), "inverted"),
+            (Shows::Word("INVERTED"), "inverted"),
+        ]),
+    ),
+    Setting::state(
+        "SOUR#:VOLT:UNIT?",
+        "unit of the amplitude",
+        Says::States(&[(Shows::Word("VPP"), "volts peak to peak"), (Shows::Word("VRMS"), "effective volts"), (Shows::Word("DBM"), "dBm")]),
+    ),
+    Setting::state(
+        "SOUR#:FUNC?",
+        "waveform",
+        Says::States(&[
+            (Shows::Word("SIN"), "a sine"),
+            (Shows::Word("SINUSOID"), "a sine"),
+            (Shows::Word("ARB"), "a loaded one"),
+            (Shows::Word("DC"), "a constant voltage"),
+            (Shows::Word("SQU"), "a square"),
+            (Shows::Word("RAMP"), "a ramp"),
+            (Shows::Word("PULS"), "pulses"),
+            (Shows::Word("NOIS"), "noise"),
+        ]),
+    ),
+    Setting::number("SOUR#:FREQ?", "frequency", "Hz"),
+    Setting::number("SOUR#:VOLT?", "amplitude", "Vpp"),
+    Setting::number("SOUR#:VOLT:OFFS?", "offset", "V"),
+    Setting::number("SOUR#:FUNC:ARB:SRAT?", "rate of the loaded wave", "Sa/s"),
+    Setting::state("SOUR#:FUNC:ARB?", "loaded wave", CHOSEN),
+    Setting::state(
+        "SOUR#:FUNC:ARB:FILT?",
+        "filter of the loaded wave",
+        Says::States(&[(Shows::Word("OFF"), "off"), (Shows::Word("NORM"), "normal"), (Shows::Word("STEP"), "that for steps")]),
+    ),
+    Setting::state("SOUR#:BURS:STAT?", "burst", ON_OFF),
+    Setting::state(
+        "SOUR#:BURS:MODE?",
+        "end of a burst",
+        Says::States(&[(Shows::Word("TRIG"), "counted"), (Shows::Word("TRIGGERED"), "counted"), (Shows::Word("GAT"), "that of a gate")]),
+    ),
+    Setting::state(
+        "TRIG#:SOUR?",
+        "trigger of a burst",
+        Says::States(&[
+            (Shows::Word("BUS"), "a command"),
+            (Shows::Word("IMM"), "its own clock"),
+            (Shows::Word("EXT"), "an external signal"),
+            (Shows::Word("TIM"), "a timer"),
+        ]),
+    ),
+    Setting::number("SOUR#:BURS:NCYC?", "number of periods of a burst", ""),
+    Setting::number("SOUR#:BURS:PHAS?", "phase at which a burst begins", "°"),
+    Setting::number("TRIG#:DEL?", "delay of a burst", "s"),
+];
+
 impl Model for Keysight {
     fn key(&self) -> &'static str {
         "keysight-33500b"
@@ -38,6 +102,10 @@ impl Model for Keysight {
 
     fn profile(&self) -> LinkProfile {
         LinkProfile { min_gap: ms(2), ..LinkProfile::scpi() }
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
@@ -164,7 +232,7 @@ impl Dialect for Keysight {
         ]
     }
 
-    fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
+    fn direct(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
         let source = format!("SOUR{channel}");
         // The amplitude before the function: else a sine would have that of the wave before it.
         let mut script = still(&source).to_vec();
@@ -172,6 +240,11 @@ impl Dialect for Keysight {
         let amplitude = format!("{source}:VOLT?");
         // Its amplitude is as small as it gets already.
         script.extend(sine.into_iter().filter(|exchange| !matches!(exchange, Exchange::Set { read_back, .. } if *read_back == amplitude)));
+        script
+    }
+
+    fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
+        let mut script = self.direct(channel, offset);
         let modifiers = ["BURS", "SWE", "AM", "FM"];
         script.extend(modifiers.map(|modifier| Exchange::switch(&format!("SOUR{channel}:{modifier}:STAT"), false)));
         script

@@ -100,6 +100,9 @@ pub trait Dialect: Model {
         let (message, reason) = (format!("burst on channel {channel}"), "expected a model that has bursts".to_owned());
         if periods.is_some() { vec![Exchange::Refuse { message, reason }] } else { Vec::new() }
     }
+    /// The least sine around an offset, as near to a direct current as it comes; the output and the rest stay as they are. A unit whose least amplitude is greater
+    /// than its manual says is not refused for that, up to [`QUIET_VPP`].
+    fn direct(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
     /// The least sine around an offset, everything else that could move the output off; the output stays as it is.
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
 }
@@ -167,6 +170,16 @@ impl Instrument<dyn Dialect> {
         let script = self.dialect.quiet(self.output_channel(), offset);
         self.forget_signal();
         play_all(&mut self.link, &script).await
+    }
+
+    /// A steady offset, as near as the instrument comes to it, that is the command of a direct current: its least sine around it, read back.
+    ///
+    /// # Errors
+    /// As [`Self::sine`].
+    pub async fn direct(&mut self, offset: Volts) -> Result<(), LinkError> {
+        let script = self.dialect.direct(self.output_channel(), offset);
+        self.forget_signal();
+        self.tell(&script).await
     }
 
     /// Switches the output.

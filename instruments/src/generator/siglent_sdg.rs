@@ -3,7 +3,7 @@
 
 use super::{Capabilities, DELAY_TOLERANCE_S, Dialect, PHASE_TOLERANCE_DEG, QUIET_VPP, Sine, Wave};
 use crate::{
-    exchange::{Exchange, Expect, Identity},
+    exchange::{CHOSEN, Exchange, Expect, Identity, Says, Setting, Shows},
     instrument::{Model, ms},
     link::{ENDS_MESSAGES, LinkProfile},
     units::{Hertz, Volts},
@@ -32,6 +32,46 @@ const BURST_PERIODS: u32 = 1_000_000;
 
 pub(super) struct Sdg;
 
+/// Its settings in words.
+const SETTINGS: &[Setting] = &[
+    Setting::state("C#:OUTP?", "output", Says::States(&[(Shows::Text("OUTP ON"), "on"), (Shows::Text("OUTP OFF"), "off")])),
+    Setting::state(
+        "C#:OUTP?",
+        "assumed load",
+        Says::States(&[(Shows::Text("LOAD,HZ"), "an open circuit"), (Shows::Text("LOAD,50"), "50 Ω")]),
+    ),
+    Setting::state("C#:OUTP?", "polarity", Says::States(&[(Shows::Text("PLRT,NOR"), "normal"), (Shows::Text("PLRT,INVT"), "inverted")])),
+    Setting::state(
+        "C#:BSWV?",
+        "waveform",
+        Says::States(&[
+            (Shows::Field("WVTP", "SINE"), "a sine"),
+            (Shows::Field("WVTP", "ARB"), "a loaded one"),
+            (Shows::Field("WVTP", "DC"), "a constant voltage"),
+            (Shows::Field("WVTP", "SQUARE"), "a square"),
+            (Shows::Field("WVTP", "RAMP"), "a ramp"),
+            (Shows::Field("WVTP", "PULSE"), "pulses"),
+            (Shows::Field("WVTP", "NOISE"), "noise"),
+        ]),
+    ),
+    Setting::state("C#:BTWV?", "burst", Says::States(&[(Shows::Text("STATE,ON"), "on"), (Shows::Text("STATE,OFF"), "off")])),
+    Setting::state(
+        "C#:BTWV?",
+        "end of a burst",
+        Says::States(&[(Shows::Field("GATE_NCYC", "NCYC"), "counted"), (Shows::Field("GATE_NCYC", "GATE"), "that of a gate")]),
+    ),
+    Setting::state(
+        "C#:BTWV?",
+        "trigger of a burst",
+        Says::States(&[
+            (Shows::Field("TRSR", "MAN"), "a command"),
+            (Shows::Field("TRSR", "INT"), "its own clock"),
+            (Shows::Field("TRSR", "EXT"), "an external signal"),
+        ]),
+    ),
+    Setting::state("C#:ARWV?", "loaded wave", CHOSEN),
+];
+
 impl Model for Sdg {
     fn key(&self) -> &'static str {
         "siglent-sdg1000x"
@@ -39,6 +79,10 @@ impl Model for Sdg {
 
     fn profile(&self) -> LinkProfile {
         LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
@@ -127,9 +171,13 @@ impl Dialect for Sdg {
         ]
     }
 
-    fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
+    fn direct(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
         let least = Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset };
-        let mut script = vec![basic_wave(channel, &least, (0.5 * QUIET_VPP, 0.5 * QUIET_VPP))];
+        vec![basic_wave(channel, &least, (0.5 * QUIET_VPP, 0.5 * QUIET_VPP))]
+    }
+
+    fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
+        let mut script = self.direct(channel, offset);
         script.push(set(channel, "OUTP", "PLRT,NOR", contains("PLRT,NOR")));
         script.extend(["BTWV", "SWWV", "MDWV"].map(|modifier| set(channel, modifier, "STATE,OFF", contains("STATE,OFF"))));
         script

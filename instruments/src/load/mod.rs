@@ -5,7 +5,7 @@ mod siglent_sdl;
 
 use crate::{
     exchange::{Answer, Bound, Exchange, Told, Way, look, play, play_all},
-    instrument::{Instrument, Model},
+    instrument::{Instrument, Model, Unattended},
     link::LinkError,
     units::{Amps, Volts, Watts},
 };
@@ -35,6 +35,8 @@ pub struct Capabilities {
     pub max_current: Amps,
     /// Greatest power, W.
     pub max_power_w: f64,
+    /// What ends its current without a message.
+    pub unattended: Unattended,
 }
 
 /// One model's language.

@@ -2,8 +2,8 @@
 
 use super::{Capabilities, Dialect, Discharge, Draw};
 use crate::{
-    exchange::{Bound, Exchange, Identity, Way},
-    instrument::{Model, ms},
+    exchange::{Bound, Exchange, Identity, ON_OFF, Says, Setting, Shows, Way},
+    instrument::{Model, Unattended, ms},
     link::LinkProfile,
     units::{Amps, Watts},
 };
@@ -19,6 +19,39 @@ const ABOVE_ANY_CELL_V: f64 = 14.0;
 
 pub(super) struct Dl3000;
 
+/// Its settings in words.
+const SETTINGS: &[Setting] = &[
+    Setting::state(":SOUR:INP:STAT?", "input", ON_OFF),
+    Setting::state(
+        ":SOUR:FUNC?",
+        "function",
+        Says::States(&[
+            (Shows::Word("CC"), "constant current"),
+            (Shows::Word("CV"), "constant voltage"),
+            (Shows::Word("CP"), "constant power"),
+            (Shows::Word("CR"), "constant resistance"),
+        ]),
+    ),
+    Setting::state(
+        ":SOUR:FUNC:MODE?",
+        "mode",
+        Says::States(&[
+            (Shows::Word("FIX"), "steady"),
+            (Shows::Word("FIXED"), "steady"),
+            (Shows::Word("LIST"), "a list"),
+            (Shows::Word("WAV"), "a waveform"),
+            (Shows::Word("BATT"), "a battery test"),
+            (Shows::Word("OCP"), "a test of a protection"),
+        ]),
+    ),
+    Setting::number(":SOUR:CURR:LEV:IMM?", "current", "A"),
+    Setting::number(":SOUR:POW:LEV:IMM?", "power", "W"),
+    Setting::number(":SOUR:VOLT:LEV:IMM?", "voltage", "V"),
+    Setting::number(":SOUR:CURR:ILIM?", "limit of the current", "A"),
+    Setting::number(":SOUR:CURR:VON?", "voltage from which it sinks", "V"),
+    Setting::state(":SOUR:SENS?", "remote sense", ON_OFF),
+];
+
 impl Model for Dl3000 {
     fn key(&self) -> &'static str {
         "rigol-dl3000"
@@ -26,6 +59,10 @@ impl Model for Dl3000 {
 
     fn profile(&self) -> LinkProfile {
         LinkProfile { min_gap: ms(10), ..LinkProfile::scpi() }
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
@@ -40,7 +77,8 @@ fn voltmeter() -> [Exchange; 2] {
 
 impl Dialect for Dl3000 {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(40.0), max_power_w: 200.0 }
+        // Whether `VON` also stops what it let begin, its guide does not say.
+        Capabilities { max_current: Amps(40.0), max_power_w: 200.0, unattended: Unattended::NothingKnown }
     }
 
     fn input(&self, on: bool) -> Vec<Exchange> {
@@ -84,7 +122,7 @@ impl Dialect for Dl3000 {
         }
         script.extend([volts, sense]);
         script.extend(self.level(discharge.draw));
-        // It sinks nothing below this voltage: a second guard beside the daemon. Assumed of constant power, whose own is not in the sources.
+        // It does not begin to sink below this voltage; whether it also stops there, its guide does not say, so that nothing is built on it.
         script.push(Exchange::fixed(":SOUR:CURR:VON", discharge.stop_below.value(), (3, 5.0e-3)));
         script
     }

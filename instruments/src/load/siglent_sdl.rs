@@ -2,8 +2,8 @@
 
 use super::{Capabilities, Dialect, Discharge, Draw};
 use crate::{
-    exchange::{Bound, Exchange, Identity, Way},
-    instrument::{Model, ms},
+    exchange::{Bound, Exchange, Identity, ON_OFF, Says, Setting, Shows, Way},
+    instrument::{Model, Unattended, ms},
     link::LinkProfile,
     units::{Amps, Watts},
 };
@@ -21,6 +21,28 @@ const ABOVE_ANY_CELL_V: f64 = 30.0;
 
 pub(super) struct Sdl;
 
+/// Its settings in words.
+const SETTINGS: &[Setting] = &[
+    Setting::state(":INP?", "input", ON_OFF),
+    Setting::state(
+        ":FUNC?",
+        "function",
+        Says::States(&[
+            (Shows::Word("CURRENT"), "constant current"),
+            (Shows::Word("VOLTAGE"), "constant voltage"),
+            (Shows::Word("POWER"), "constant power"),
+            (Shows::Word("RESISTANCE"), "constant resistance"),
+        ]),
+    ),
+    Setting::number(":CURR:LEV:IMM?", "current", "A"),
+    Setting::number(":POW:LEV:IMM?", "power", "W"),
+    Setting::number(":VOLT:LEV:IMM?", "voltage", "V"),
+    Setting::number(":VOLT:LEV:ON?", "voltage below which it stops", "V"),
+    Setting::number(":CURR:PROT:LEV?", "over-current protection", "A"),
+    Setting::state(":CURR:PROT:STAT?", "over-current protection", ON_OFF),
+    Setting::state(":VOLT:LATC?", "latch", ON_OFF),
+];
+
 impl Model for Sdl {
     fn key(&self) -> &'static str {
         "siglent-sdl1000x"
@@ -30,6 +52,10 @@ impl Model for Sdl {
         LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
     }
 
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
+    }
+
     fn recognises(&self, identity: &Identity) -> bool {
         identity.maker.starts_with("Siglent") && identity.model.starts_with("SDL")
     }
@@ -37,7 +63,8 @@ impl Model for Sdl {
 
 impl Dialect for Sdl {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: MAX_CURRENT, max_power_w: 200.0 }
+        // `VOLT:LEV:ON` with the latch off.
+        Capabilities { max_current: MAX_CURRENT, max_power_w: 200.0, unattended: Unattended::StopsBelow }
     }
 
     fn input(&self, on: bool) -> Vec<Exchange> {

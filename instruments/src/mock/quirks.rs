@@ -87,6 +87,7 @@ const BURSTS: Quirk = quirk("bursts", "it plays bursts of so many periods", Kind
 pub(super) const B33500: &[Quirk] = &[BURSTS];
 pub(super) const SDG: &[Quirk] = &[
     BURSTS,
+    quirk("least_amplitude", "its least amplitude into an open circuit, V peak to peak", Kind::Number(2e-3, (2e-3, 2e-2))),
     quirk("header", "answers begin with the header of the question", Kind::Switch(true)),
     quirk("units", "numbers in answers have their units behind them", Kind::Switch(true)),
     quirk("errors", "what `SYST:ERR?` gets where nothing is queued", Kind::Word(&["text", "signed", "silence"])),

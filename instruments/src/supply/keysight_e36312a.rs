@@ -2,8 +2,8 @@
 
 use super::{Capabilities, Charge, Dialect};
 use crate::{
-    exchange::{Bound, Exchange, Identity, Way},
-    instrument::{Model, ms},
+    exchange::{Bound, Exchange, Identity, ON_OFF, Says, Setting, Shows, Way},
+    instrument::{Model, Unattended, ms},
     link::LinkProfile,
     units::{Amps, Volts},
 };
@@ -20,6 +20,25 @@ const READ_BACK: f64 = 2.0e-3;
 
 pub(super) struct Keysight;
 
+/// Its settings in words.
+const SETTINGS: &[Setting] = &[
+    Setting::state("OUTP? (@1)", "output", ON_OFF),
+    Setting::number("VOLT? (@1)", "voltage", "V"),
+    Setting::number("CURR? (@1)", "current", "A"),
+    Setting::number("VOLT:PROT? (@1)", "over-voltage protection", "V"),
+    Setting::state("CURR:PROT:STAT? (@1)", "over-current protection", ON_OFF),
+    Setting::state(
+        "VOLT:SENS:SOUR? (@1)",
+        "sense",
+        Says::States(&[
+            (Shows::Word("INT"), "at its terminals"),
+            (Shows::Word("INTernal"), "at its terminals"),
+            (Shows::Word("EXT"), "at its sense leads"),
+            (Shows::Word("EXTernal"), "at its sense leads"),
+        ]),
+    ),
+];
+
 impl Model for Keysight {
     fn key(&self) -> &'static str {
         "keysight-e36312a"
@@ -27,6 +46,10 @@ impl Model for Keysight {
 
     fn profile(&self) -> LinkProfile {
         LinkProfile { min_gap: ms(2), ..LinkProfile::scpi() }
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
@@ -50,7 +73,7 @@ fn word(header: &str, word: &str, words: &'static [&'static str]) -> Exchange {
 
 impl Dialect for Keysight {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(5.0), max_voltage: Volts(6.0) }
+        Capabilities { max_current: Amps(5.0), max_voltage: Volts(6.0), unattended: Unattended::HoldsVoltage }
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {

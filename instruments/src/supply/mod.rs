@@ -6,7 +6,7 @@ mod siglent_spd;
 
 use crate::{
     exchange::{Answer, Bound, Exchange, Told, Way, forget_errors, look, play, play_all},
-    instrument::{Instrument, Model},
+    instrument::{Instrument, Model, Unattended},
     link::LinkError,
     units::{Amps, Volts},
 };
@@ -27,6 +27,8 @@ pub struct Capabilities {
     pub max_current: Amps,
     /// Greatest voltage of one channel.
     pub max_voltage: Volts,
+    /// What ends its current without a message.
+    pub unattended: Unattended,
 }
 
 /// One model's language.

@@ -2,8 +2,8 @@
 
 use super::{Capabilities, Charge, Dialect};
 use crate::{
-    exchange::{Bound, Exchange, Identity, Way},
-    instrument::{Model, ms},
+    exchange::{Bound, Exchange, Identity, ON_OFF, Setting, Way},
+    instrument::{Model, Unattended, ms},
     link::LinkProfile,
     units::{Amps, Volts},
 };
@@ -18,6 +18,16 @@ const READ_BACK: f64 = 2.0e-3;
 
 pub(super) struct Dp832;
 
+/// Its settings in words.
+const SETTINGS: &[Setting] = &[
+    Setting::state(":OUTP? CH1", "output", ON_OFF),
+    Setting::number(":SOUR1:VOLT?", "voltage", "V"),
+    Setting::number(":SOUR1:CURR?", "current", "A"),
+    Setting::number(":OUTP:OVP:VAL? CH1", "over-voltage protection", "V"),
+    Setting::state(":OUTP:OVP? CH1", "over-voltage protection", ON_OFF),
+    Setting::state(":OUTP:OCP? CH1", "over-current protection", ON_OFF),
+];
+
 impl Model for Dp832 {
     fn key(&self) -> &'static str {
         "rigol-dp832"
@@ -25,6 +35,10 @@ impl Model for Dp832 {
 
     fn profile(&self) -> LinkProfile {
         LinkProfile { min_gap: ms(20), ..LinkProfile::scpi() }
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
@@ -39,7 +53,7 @@ fn switch(header: &str, on: bool) -> Exchange {
 
 impl Dialect for Dp832 {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(3.0), max_voltage: Volts(30.0) }
+        Capabilities { max_current: Amps(3.0), max_voltage: Volts(30.0), unattended: Unattended::HoldsVoltage }
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {

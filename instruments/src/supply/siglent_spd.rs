@@ -3,8 +3,8 @@
 
 use super::{Capabilities, Charge, Dialect};
 use crate::{
-    exchange::{Bound, Exchange, Expect, Identity, Way},
-    instrument::{Model, ms},
+    exchange::{Bound, Exchange, Expect, Identity, Says, Setting, Shows, Way},
+    instrument::{Model, Unattended, ms},
     link::LinkProfile,
     units::{Amps, Volts},
 };
@@ -14,10 +14,28 @@ pub(super) const SPD3303X: Spd = Spd;
 
 /// Status bits of the tracking mode, and their value for independent channels.
 const TRACKING: (u32, u32) = (0b11 << 2, 0b01 << 2);
+/// Their value for parallel channels.
+const PARALLEL: u32 = 0b10 << 2;
 /// Status bit of an output that is on, channel 1.
 const CHANNEL_1_ON: u32 = 1 << 4;
 
 pub(super) struct Spd;
+
+/// Its settings in words.
+const SETTINGS: &[Setting] = &[
+    Setting::state(
+        "SYST:STAT?",
+        "output",
+        Says::States(&[(Shows::Bits(CHANNEL_1_ON, CHANNEL_1_ON), "on"), (Shows::Bits(CHANNEL_1_ON, 0), "off")]),
+    ),
+    Setting::state(
+        "SYST:STAT?",
+        "coupling",
+        Says::States(&[(Shows::Bits(TRACKING.0, TRACKING.1), "none"), (Shows::Bits(TRACKING.0, PARALLEL), "parallel")]),
+    ),
+    Setting::number("CH1:VOLT?", "voltage", "V"),
+    Setting::number("CH1:CURR?", "current", "A"),
+];
 
 impl Model for Spd {
     fn key(&self) -> &'static str {
@@ -28,6 +46,10 @@ impl Model for Spd {
         LinkProfile { min_gap: ms(20), ..LinkProfile::scpi() }
     }
 
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
+    }
+
     fn recognises(&self, identity: &Identity) -> bool {
         identity.maker.starts_with("Siglent") && identity.model.starts_with("SPD3303X")
     }
@@ -35,7 +57,7 @@ impl Model for Spd {
 
 impl Dialect for Spd {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(3.2), max_voltage: Volts(32.0) }
+        Capabilities { max_current: Amps(3.2), max_voltage: Volts(32.0), unattended: Unattended::HoldsVoltage }
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {

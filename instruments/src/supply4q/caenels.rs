@@ -7,7 +7,7 @@
 
 use super::{AnalogSelect, Capabilities, Dialect, Holds, Limits};
 use crate::{
-    exchange::{Exchange, Expect, Identity, Way},
+    exchange::{Exchange, Expect, Identity, Says, Setting, Shows, Way},
     instrument::{Model, ms},
     link::{Grammar, LinkProfile},
     scpi::decode::Terminator,
@@ -38,6 +38,26 @@ const REFUSALS: &[(&str, &str)] = &[
 
 pub(super) struct FastPs;
 
+/// Its settings in words.
+const SETTINGS: &[Setting] = &[
+    Setting::state("MST", "output", Says::States(&[(Shows::Bits(ON, ON), "on"), (Shows::Bits(ON, 0), "off")])),
+    Setting::state(
+        "LOOP:?",
+        "loop",
+        Says::States(&[(Shows::Word("#LOOP:I"), "that of the current"), (Shows::Word("#LOOP:V"), "that of the voltage")]),
+    ),
+    Setting::state(
+        "UPMODE:?",
+        "command",
+        Says::States(&[
+            (Shows::Word("#UPMODE:NORMAL"), "its own set-point"),
+            (Shows::Word("#UPMODE:ANALOG"), "its analog input"),
+            (Shows::Word("#UPMODE:WAVEFORM"), "a waveform of its own"),
+            (Shows::Word("#UPMODE:TRIGGER"), "a trigger"),
+        ]),
+    ),
+];
+
 impl Model for FastPs {
     fn key(&self) -> &'static str {
         "caenels-fast-ps"
@@ -49,6 +69,10 @@ impl Model for FastPs {
 
     fn identity_query(&self) -> &'static str {
         "VER"
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
     }
 
     fn recognises(&self, identity: &Identity) -> bool {

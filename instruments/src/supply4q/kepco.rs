@@ -5,7 +5,7 @@
 
 use super::{AnalogSelect, Capabilities, Dialect, Holds, Limits};
 use crate::{
-    exchange::{Bound, Exchange, Expect, Identity, Way},
+    exchange::{Bound, Exchange, Expect, Identity, ON_OFF, Says, Setting, Shows, Way},
     instrument::{Model, ms},
     link::LinkProfile,
     units::{Amps, Hertz, Volts},
@@ -29,6 +29,78 @@ pub(super) struct Kepco {
     analog_select: AnalogSelect,
 }
 
+/// Its settings in words.
+const SETTINGS: &[Setting] = &[
+    Setting::state("OUTP?", "output", ON_OFF),
+    Setting::state(
+        "OUTP:MODE?",
+        "state of the output when off",
+        Says::States(&[
+            (Shows::Word("BATTERY"), "open"),
+            (Shows::Word("BATT"), "open"),
+            (Shows::Word("ACTIVE"), "held at zero"),
+            (Shows::Word("ACT"), "held at zero"),
+            (Shows::Word("RESISTIVE"), "resistive"),
+            (Shows::Word("RES"), "resistive"),
+        ]),
+    ),
+    Setting::state(
+        "FUNC:MODE?",
+        "mode",
+        Says::States(&[
+            (Shows::Word("1"), "constant current"),
+            (Shows::Word("CURR"), "constant current"),
+            (Shows::Word("0"), "constant voltage"),
+            (Shows::Word("VOLT"), "constant voltage"),
+        ]),
+    ),
+    Setting::state(
+        "CURR:MODE?",
+        "command",
+        Says::States(&[
+            (Shows::Word("FIX"), "its own set-point"),
+            (Shows::Word("FIXED"), "its own set-point"),
+            (Shows::Word("EXT"), "its analog input"),
+            (Shows::Word("EXTERNAL"), "its analog input"),
+            (Shows::Word("LESS"), "the lesser of both"),
+            (Shows::Word("LIST"), "a list"),
+            (Shows::Word("TRANS"), "a transient"),
+            (Shows::Word("GAIN"), "its analog input, scaled"),
+        ]),
+    ),
+    Setting::state(
+        "VOLT:PROT:MODE?",
+        "limit of the voltage",
+        Says::States(&[
+            (Shows::Word("FIX"), "its own"),
+            (Shows::Word("FIXED"), "its own"),
+            (Shows::Word("EXT"), "its analog input"),
+            (Shows::Word("EXTERNAL"), "its analog input"),
+            (Shows::Word("LESS"), "the lesser of both"),
+            (Shows::Word("LIST"), "a list"),
+            (Shows::Word("TRANS"), "a transient"),
+            (Shows::Word("GAIN"), "its analog input, scaled"),
+        ]),
+    ),
+    Setting::state(
+        "CURR:PROT:MODE?",
+        "limit of the current",
+        Says::States(&[
+            (Shows::Word("FIX"), "its own"),
+            (Shows::Word("FIXED"), "its own"),
+            (Shows::Word("EXT"), "its analog input"),
+            (Shows::Word("EXTERNAL"), "its analog input"),
+            (Shows::Word("LESS"), "the lesser of both"),
+            (Shows::Word("LIST"), "a list"),
+            (Shows::Word("TRANS"), "a transient"),
+            (Shows::Word("GAIN"), "its analog input, scaled"),
+        ]),
+    ),
+    Setting::number("CURR:LIM?", "limit of the current", "A"),
+    Setting::number("CURR?", "current", "A"),
+    Setting::number("VOLT?", "voltage", "V"),
+];
+
 impl Model for Kepco {
     fn key(&self) -> &'static str {
         self.key
@@ -37,6 +109,10 @@ impl Model for Kepco {
     fn profile(&self) -> LinkProfile {
         // ≈25 ms a command on the LAN card, which loses what comes faster.
         LinkProfile { min_gap: ms(35), ..LinkProfile::scpi() }
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
     }
 
     fn recognises(&self, identity: &Identity) -> bool {

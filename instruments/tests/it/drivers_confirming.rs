@@ -83,7 +83,7 @@ fn what_it_holds_by_itself_is_asked_for_and_nothing_is_claimed() {
 fn a_confirmation_that_the_state_belies_is_not_believed() {
     in_virtual_time(async |clock| {
         for (query, answer, told) in [
-            ("MST", &b"#MST:08000001\r\n"[..], "`MST` answered `#MST:08000001`: expected status bits 0x0000 under mask 0x0001"),
+            ("MST", &b"#MST:08000001\r\n"[..], "`MST` answered `its output is on`: expected off"),
             ("LOOP:?", b"#LOOP:V\r\n", "`LOOP:?` answered `#LOOP:V`: expected one of #LOOP:I"),
             ("UPMODE:NORMAL", b"#NAK:02\r\n", "`UPMODE:NORMAL` answered `#NAK:02`: expected #AK (#NAK:02: unknown parameter)"),
             ("MOFF", b"#NAK:77\r\n", "`MOFF` answered `#NAK:77`: expected #AK or #NAK:13"),

@@ -153,8 +153,8 @@ fn what_the_supply_does_not_take_over_is_named() {
         }
         // Channel 1 on; channels 1 and 2 in parallel; no status word at all.
         for (status, text) in [
-            (&b"0x0014\n"[..], "dev: after `OUTP CH1,OFF`, `SYST:STAT?` answered `0x0014`: expected status bits 0x0000 under mask 0x0010"),
-            (b"0x0028\n", "dev: after `OUTP:TRACK 0`, `SYST:STAT?` answered `0x0028`: expected status bits 0x0004 under mask 0x000c"),
+            (&b"0x0014\n"[..], "dev: after `OUTP CH1,OFF`, `SYST:STAT?` answered `its output is on`: expected off"),
+            (b"0x0028\n", "dev: after `OUTP:TRACK 0`, `SYST:STAT?` answered `its coupling is parallel`: expected none"),
             (b"OFF\n", "dev: after `OUTP CH1,OFF`, `SYST:STAT?` answered `OFF`: expected a hexadecimal status word"),
         ] {
             let lies: Vec<(&'static str, &'static [u8])> = vec![("SYST:STAT?", status)];
@@ -165,7 +165,7 @@ fn what_the_supply_does_not_take_over_is_named() {
         let rig = Rig::with(clock, SUPPLY, &MockOptions::default(), &[("SYST:STAT?", b"0x0224\n")]);
         let mut supply = supply(&rig).await;
         supply.safe().await.unwrap();
-        let text = "dev: after `OUTP CH1,ON`, `SYST:STAT?` answered `0x0224`: expected status bits 0x0010 under mask 0x0010";
+        let text = "dev: after `OUTP CH1,ON`, `SYST:STAT?` answered `its output is off`: expected on";
         assert_eq!(supply.energise().await.unwrap_err().to_string(), text);
     });
 }

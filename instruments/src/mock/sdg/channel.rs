@@ -15,8 +15,8 @@ use crate::mock::{
 const SOURCE_OHM: f64 = 50.0;
 /// Highest open-circuit voltage, V; the greatest amplitude is twice that, peak to peak.
 const MAX_VOLTS: f64 = 10.0;
-/// Least amplitude into an open circuit, V peak to peak.
-pub(super) const MIN_VPP: f64 = 2e-3;
+/// Least amplitude into an open circuit, V peak to peak, as the manual has it.
+const MIN_VPP: f64 = 2e-3;
 const FREQ_RANGE_HZ: (f64, f64) = (1e-6, 30e6);
 const LOAD_RANGE_OHM: (f64, f64) = (50.0, 100e3);
 
@@ -44,6 +44,8 @@ pub(super) struct Channel {
     pub(super) phase_deg: f64,
     /// Open-circuit ceiling of the amplitude, V peak to peak.
     pub(super) max_vpp: f64,
+    /// Open-circuit floor of the amplitude, V peak to peak.
+    pub(super) least_vpp: f64,
     pub(super) output_on: bool,
     /// `None`: high impedance.
     pub(super) load_ohm: Option<f64>,
@@ -129,6 +131,7 @@ impl Default for Channel {
             offset_v: 0.0,
             phase_deg: 0.0,
             max_vpp: 2.0 * MAX_VOLTS,
+            least_vpp: MIN_VPP,
             output_on: false,
             load_ohm: None,
             inverted: false,
@@ -170,7 +173,7 @@ impl Channel {
         } else if is("PHSE") {
             self.phase_deg = number("DEG").map_or(self.phase_deg, |degrees| degrees.rem_euclid(360.0));
         } else if key.as_bytes().eq_ignore_ascii_case(SHORT_KEY) {
-            self.max_vpp = number("V").map_or(self.max_vpp, |volts| (volts / divider).clamp(MIN_VPP, 2.0 * MAX_VOLTS));
+            self.max_vpp = number("V").map_or(self.max_vpp, |volts| (volts / divider).clamp(self.least_vpp, 2.0 * MAX_VOLTS));
             self.set_amplitude(Some(self.amplitude_vpp));
         }
     }
@@ -194,7 +197,7 @@ impl Channel {
     fn set_amplitude(&mut self, vpp: Option<f64>) {
         if let Some(vpp) = vpp {
             let room = 2.0 * (MAX_VOLTS - self.offset_v.abs());
-            self.amplitude_vpp = step(vpp).min(self.max_vpp).min(room).max(MIN_VPP);
+            self.amplitude_vpp = step(vpp).min(self.max_vpp).min(room).max(self.least_vpp);
         }
     }
 

@@ -18,7 +18,7 @@ use scpi::{
     tree::Node,
 };
 
-use channel::{Channel, MIN_VPP, Manner};
+use channel::{Channel, Manner};
 
 use super::{
     Device, MockOptions,
@@ -52,7 +52,7 @@ impl Sdg {
             world: World::new(plant, options.since_s),
             serial_number,
             quirks: options.quirks.clone(),
-            channels: [Channel::default(); 2],
+            channels: [Channel { least_vpp: options.quirks.number("least_amplitude"), ..Channel::default() }; 2],
             waves,
             chosen: [None, None],
         };
@@ -141,7 +141,7 @@ impl Sdg {
             let amplitude_vpp = channel.amplitude_vpp;
             if pairs.iter().any(|(key, _)| key.eq_ignore_ascii_case("OFST")) && pairs.iter().any(|(key, _)| key.eq_ignore_ascii_case("AMP"))
             {
-                channel.amplitude_vpp = MIN_VPP;
+                channel.amplitude_vpp = channel.least_vpp;
             }
             for (key, value) in &pairs {
                 let before = *channel;
@@ -177,7 +177,8 @@ impl Sdg {
 
     fn reset(&mut self, _: &mut Arguments) -> Fallible {
         let was_arbitrary = self.channels[0].arbitrary;
-        self.channels = [Channel { since_s: self.world.now_s, ..Channel::default() }; 2];
+        let least_vpp = self.channels[0].least_vpp;
+        self.channels = [Channel { since_s: self.world.now_s, least_vpp, ..Channel::default() }; 2];
         self.chosen = [None, None];
         self.reshape(was_arbitrary);
         self.act();
