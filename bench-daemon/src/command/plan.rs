@@ -1,12 +1,17 @@
 //! `eis-bench plan`: what would be done.
 
-use instruments::{generator, instrument::by_key};
+use instruments::{
+    generator,
+    instrument::{Unattended, by_key},
+    load, supply, supply4q,
+};
 
 use crate::{
     cli::PlanArgs,
     command::Failure,
-    config::{Experiment, Jig, load_experiment},
-    plan::{Flow, Leg, Plan, Step},
+    config::{Experiment, Instruments, Jig, load_experiment},
+    interlock::Limits,
+    plan::{Flow, Leg, Plan, Step, Through},
     procedure,
     terminal::{remark, say},
 };
@@ -32,11 +37,16 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
         None => {}
     }
     let moves = |of: fn(&Step) -> bool| plan.stages.iter().flat_map(|stage| &stage.steps).any(of);
-    if moves(|step| matches!(step, Step::Discharge { .. } | Step::Leg(Leg { flow: Flow::Discharge { .. }, .. }))) {
-        texts.push(format!("without a further message the load stops by itself at {} V or above", limits.min_v));
+    if moves(|step| matches!(step, Step::PowerUp { .. })) {
+        texts.extend(one_way(&bench.instruments));
     }
-    if moves(|step| matches!(step, Step::Charge { .. } | Step::Leg(Leg { flow: Flow::Charge { .. }, .. }))) {
-        texts.push(format!("without a further message the charger holds {} V or less, and its current falls", limits.max_v));
+    if moves(|step| matches!(step, Step::Discharge { .. } | Step::Leg(Leg { flow: Flow::Discharge { .. }, .. })) || metered(step)) {
+        let load = bench.instruments.load.as_ref().and_then(|load| Some((load, by_key(load::DIALECTS, &load.model)?)));
+        texts.extend(load.map(|(load, dialect)| unattended(("load", &load.model), dialect.capabilities().unattended, limits)));
+    }
+    if moves(|step| matches!(step, Step::Charge { .. } | Step::Leg(Leg { flow: Flow::Charge { .. }, .. })) || metered(step)) {
+        let supply = bench.instruments.supply.as_ref().and_then(|supply| Some((supply, by_key(supply::DIALECTS, &supply.model)?)));
+        texts.extend(supply.map(|(supply, dialect)| unattended(("charger", &supply.model), dialect.capabilities().unattended, limits)));
     }
     texts
 }
@@ -57,6 +67,39 @@ fn persons(experiment: &Experiment, plan: &Plan) -> Option<String> {
         format!(
             "beside that a person changes the fixture ({}): each change lasts until the person confirms it, every output off; `eis-bench abort` ends that wait",
             asked.join(", ")
+        )
+    })
+}
+
+/// A trace that goes through load and charger.
+fn metered(step: &Step) -> bool {
+    matches!(step, Step::Trace(trace) if trace.through == Through::LoadAndSupply)
+}
+
+/// What ends the current of a load or charger where no message arrives any more, in words.
+fn unattended((role, model): (&str, &str), how: Unattended, limits: &Limits) -> String {
+    match how {
+        Unattended::StopsBelow => format!("without a further message the {role} ({model}) stops by itself at {} V or above", limits.min_v),
+        Unattended::HoldsVoltage => {
+            format!("without a further message the {role} ({model}) holds {} V or less, and its current falls", limits.max_v)
+        }
+        Unattended::NothingKnown => {
+            format!(
+                "without a further message nothing that is known ends the current of the {role} ({model}): only the daemon and the guardian do"
+            )
+        }
+    }
+}
+
+/// A bipolar supply for which there is no second way to zero.
+fn one_way(instruments: &Instruments) -> Option<String> {
+    let supply = instruments.supply4q.as_ref()?;
+    let none = by_key(supply4q::DIALECTS, &supply.model)?.zero().is_empty();
+    none.then(|| {
+        format!(
+            "the bipolar supply ({}) has no second way to zero: it follows its analog input. Where it does not go off and the generator cannot be \
+             reached, only the switch in series with the cell ends its current",
+            supply.model
         )
     })
 }

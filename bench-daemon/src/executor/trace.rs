@@ -5,10 +5,9 @@
 
 use analysis::dataset::{Capture, Commanded, CurrentBetween, CurrentPositive, TraceEntry, TraceRow};
 use instruments::{
-    generator::Sine,
     mock::plant::Fixture,
     scope::{Intent, Trigger, Vertical, Waveform},
-    units::{Hertz, Seconds, Volts},
+    units::{Seconds, Volts},
 };
 
 use super::{
@@ -21,8 +20,6 @@ use crate::{
     record::capture_of,
 };
 
-/// The generator's least sine lies on the offset; here it disturbs least.
-const QUIET_FREQ: Hertz = Hertz(1000.0);
 /// Readings of the voltmeter that the voltage at rest is the mean of.
 const REST_READINGS: usize = 10;
 /// Seconds between two readings of a resting cell.
@@ -279,9 +276,7 @@ impl Executor<'_> {
         let offset = Volts(current_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v);
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.generator, "generator")?;
-        let sine = Sine { freq: QUIET_FREQ, amplitude: generator.capabilities().min_amplitude, offset };
-        generator.sine(&sine).await.map_err(error)?;
-        Ok(())
+        Ok(generator.direct(offset).await.map_err(error)?)
     }
 
     /// What the frames of a trace are read by.

@@ -4,7 +4,7 @@ use bench_daemon::command::run::Session;
 use fixtures::Witness;
 use num_complex::Complex64;
 
-use crate::support::{BENCH, CELL, EXPERIMENT, Files, SCENARIO, truth};
+use crate::support::{BENCH, CELL, EXPERIMENT, Files, SCENARIO, program, truth};
 
 /// How a run ended, and what the cell says of it.
 pub(crate) struct Lived {
@@ -108,12 +108,12 @@ fn a_thermometer_that_freezes_in_a_sweep_is_named_within_two_minutes() {
 fn a_bath_that_somebody_else_sets_to_70_degrees_is_named_at_the_next_readings() {
     let files = Files::demo().without(EXPERIMENT, "fixture_check");
     let lived = live(&files, ("second_client", "chiller", "900 s\"\nvariant = 0 #"));
-    let words = "chiller: its set-point is 70.00, this run set 25 °C: another client, a hand at its panel, or a protection?";
+    let words = "chiller: its set-point is 70 °C, this run set 25 °C: another client, a hand at its panel, or a protection?";
     assert!(lived.ended.contains(words), "{}", lived.ended);
     assert!(lived.code == 3 && lived.over_s - lived.happened_s < 15.0, "{} s", lived.over_s - lived.happened_s);
     // Nobody knows where it goes: it goes nowhere.
     let notes = files.text("run/events.csv");
-    assert!(notes.contains("the bath was stopped, for its set-point is 70.00, this run set 25 °C"), "{notes}");
+    assert!(notes.contains("the bath was stopped, for its set-point is 70 °C, this run set 25 °C"), "{notes}");
 }
 
 #[test]
@@ -156,4 +156,20 @@ fn a_load_that_sinks_beside_a_charge_and_a_charger_that_feeds_beside_a_sweep_are
         assert_eq!((lived.code, lived.left_a, lived.witness.abuse.len()), (5, 0.0, 0), "{role}: {}", lived.ended);
         assert!(lived.over_s - lived.happened_s < 3.0, "{role} from {from_s} s: {} s", lived.over_s - lived.happened_s);
     }
+}
+
+#[test]
+fn the_plan_says_of_each_model_what_ends_without_a_message_and_what_has_no_second_way_to_zero() {
+    let plan = |files: &Files| program(&["plan".as_ref(), files.experiment().as_os_str()]).expect_code(0).stdout.clone();
+    let text = plan(&Files::brief(2));
+    assert!(text.contains("without a further message the load (siglent-sdl1000x) stops by itself at 2.5 V or above"), "{text}");
+    assert!(text.contains("without a further message the charger (siglent-spd3303x) holds 4.2 V or less, and its current falls"), "{text}");
+    assert!(!text.contains("no second way to zero"), "{text}");
+    let files =
+        Files::brief(2).edit(BENCH, "\"siglent-sdl1000x\"", "\"rigol-dl3000\"").edit(BENCH, "\"kepco-bop-mg\"", "\"kepco-bop-linear\"");
+    let text = plan(&files);
+    let known =
+        "without a further message nothing that is known ends the current of the load (rigol-dl3000): only the daemon and the guardian do";
+    assert!(text.contains(known) && !text.contains("the load (rigol-dl3000) stops"), "{text}");
+    assert!(text.contains("the bipolar supply (kepco-bop-linear) has no second way to zero: it follows its analog input."), "{text}");
 }

@@ -12,7 +12,7 @@ use bench_daemon::{
     procedure,
 };
 
-use crate::support::{CELL, EXPERIMENT, Files, SCENARIO, sent};
+use crate::support::{BENCH, CELL, EXPERIMENT, Files, SCENARIO, sent};
 
 const TRACE: &str = r#"
 [[traces]]
@@ -129,6 +129,18 @@ fn a_trace_needs_no_sweep_and_a_hidden_effect_shows_in_it() {
     let (plain_v, hidden_v) = (end_v(trace_only()), end_v(trace_only().append(SCENARIO, hidden)));
     // 2 mΩ · 4.9 A · (1 − 1/e).
     assert!((hidden_v - plain_v + 6.2e-3).abs() < 3.0e-4, "{plain_v} V, {hidden_v} V");
+}
+
+#[test]
+fn a_generator_whose_least_sine_is_greater_than_its_manual_says_commands_direct_currents() {
+    let files = trace_only()
+        .edit(EXPERIMENT, "role = \"held_out\"", "role = \"held_out\"\nthrough = \"bipolar\"")
+        .append(BENCH, "[simulation.quirks.generator]\nleast_amplitude = 4e-3");
+    run_experiment(&files.load(), &files.path("run")).unwrap();
+    let rows = read_trace_csv(&files.path("run").join(&index(&files).traces[0].file)).unwrap();
+    assert!(rows.iter().any(|row| (row.current_a + 4.9).abs() < 0.1) && rows.iter().any(|row| (row.current_a - 2.97).abs() < 0.1));
+    let sent = sent(&files.path("run"), "generator");
+    assert!(sent.iter().any(|message| message.starts_with("C1:BSWV WVTP,SINE") && message.contains("AMP,0.0020")), "{sent:?}");
 }
 
 #[test]
