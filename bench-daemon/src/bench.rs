@@ -1,8 +1,10 @@
 //! The named instruments of one bench: opened, asked who they are, brought into safe state. Opening changes nothing on any of them.
 
+mod bath;
 mod output;
 mod safe;
 
+pub use bath::BathLeft;
 pub use output::{Output, SafeReport, Unsafe};
 
 use std::collections::BTreeMap;
@@ -187,7 +189,7 @@ impl Bench {
         })
     }
 
-    /// The instruments that can move charge, not yet connected to: switching off and asking connect each of them by itself, so that one that
+    /// The instruments that can move charge, and the bath, not yet connected to: switching off and asking connect each of them by itself, so that one that
     /// cannot be reached does not keep the others from being switched off. Sends nothing.
     ///
     /// # Errors
@@ -203,7 +205,7 @@ impl Bench {
             scope: None,
             load: unconnected(connections, "load", load::DIALECTS, instruments.load.as_ref())?,
             supply: unconnected(connections, "supply", supply::DIALECTS, instruments.supply.as_ref())?,
-            chiller: None,
+            chiller: unconnected(connections, "chiller", chiller::DIALECTS, instruments.chiller.as_ref())?,
             logger: None,
             jig: None,
             clock: connections.clock.clone(),
@@ -213,7 +215,7 @@ impl Bench {
         })
     }
 
-    /// A new connection to each instrument that can move charge and has none.
+    /// A new connection to each instrument that can move charge and has none. The bath is not among them: [`Self::reach_bath`].
     ///
     /// # Errors
     /// The first that cannot be reached.

@@ -68,7 +68,17 @@ impl Custody {
         let limits = &experiment.cell.limits;
         let source = experiment.sources.iter().find(|source| source.path() == experiment.bench.path);
         let sha256 = source.map_or_else(String::new, |source| hash::sha256(source.text()));
-        Self::take_for(&Charge { bench: &experiment.bench, run, window_v: (limits.min_v, limits.max_v), sha256 }, (clock, doing)).await
+        Self::take_for(
+            &Charge {
+                bench: &experiment.bench,
+                run,
+                window_v: (limits.min_v, limits.max_v),
+                cell_c: Some((limits.min_c, limits.max_c)),
+                sha256,
+            },
+            (clock, doing),
+        )
+        .await
     }
 
     /// The same for whatever is written into `charge.run`.
@@ -81,7 +91,8 @@ impl Custody {
         let lock = state.lock(&run)?;
         state.refuse_latched()?;
         left(charge.bench, &state, clock).await?;
-        let charge = Charge { bench: charge.bench, run: &run, window_v: charge.window_v, sha256: charge.sha256.clone() };
+        let charge =
+            Charge { bench: charge.bench, run: &run, window_v: charge.window_v, cell_c: charge.cell_c, sha256: charge.sha256.clone() };
         let keeper = Keeper::start(&charge, (clock, doing)).await?;
         if let Err(error) = state.begin(&run) {
             keeper.dismiss(clock).await;

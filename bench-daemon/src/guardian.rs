@@ -4,6 +4,9 @@
 //! the daemon dies; a daemon that hangs or is stopped stays silent for longer than the lease, and is killed, so that it cannot come back in the
 //! middle. Then the guardian connects by itself, switches off in the order of [`Bench::safe_state`], reads back, and tries again until it has succeeded.
 //!
+//! What moves charge comes first. Relays of a bath are opened beside it, and a bath that closes its own loop is looked at behind it; neither keeps the guardian
+//! from verifying the rest.
+//!
 //! Every instrument of the bench is to be treated as one that takes a single client. So the guardian reaches and identifies each of them before the
 //! daemon connects, lets go of them, and connects again when the daemon is dead.
 
@@ -37,6 +40,8 @@ use crate::{
 /// The words that go over the pipes, a line each: to the guardian …
 const ALIVE: &str = ".";
 const DOING: &str = "doing ";
+/// Stands for the set-point of a bath that this run has not started.
+const NO_BATH: &str = "-";
 const GOODBYE: &str = "goodbye";
 const TAKE_OVER: &str = "take over";
 /// … and from it.
@@ -44,10 +49,13 @@ const READY: &str = "ready";
 const REFUSED: &str = "refused ";
 
 const REPORT: &str = "guardian.json";
-/// What can move charge.
-const DRIVES: [&str; 4] = ["supply4q", "generator", "load", "supply"];
+/// What is switched off or looked at.
+const ROLES: [&str; 5] = ["supply4q", "generator", "load", "supply", "chiller"];
+/// So long after everything else was off it goes on trying to reach a board of relays, s: the longest pulse of one has ended by then.
+const RELAYS_DROP_S: f64 = 90.0;
 /// Pauses between two attempts, s: each twice the one before, up to the last.
 const BACKOFF_S: (f64, f64) = (1.0, 10.0);
+const EVERYTHING: &str = "every output is off and read back";
 /// So often it tries where even its folder has been taken away.
 const PATIENCE: u32 = 30;
 /// A killed process is gone after this time, or the system hangs.
@@ -61,6 +69,8 @@ pub struct Charge<'a> {
     pub run: &'a Path,
     /// Least and greatest voltage of the cell, V.
     pub window_v: (f64, f64),
+    /// Least and greatest temperature of the cell, °C, where one is to be in the jig.
+    pub cell_c: Option<(f64, f64)>,
     /// SHA-256 of the bench file as the daemon has read it: both must mean the same instruments.
     pub sha256: String,
 }
@@ -79,9 +89,22 @@ struct Report {
     failures: Vec<String>,
     /// What each instrument measured after it was off, V and A.
     read_back: BTreeMap<String, (f64, f64)>,
-    /// From stepping in to verified, bench s.
+    /// Least and greatest temperature of the cell, °C.
+    cell_c: Option<(f64, f64)>,
+    /// At which set-point the run has started a bath that closes its own loop, °C.
+    bath_c: Option<f64>,
+    /// What became of the bath, where something did.
+    bath: Option<String>,
+    /// From stepping in to everything that moves charge verified, bench s.
     took_s: Option<f64>,
     unix_s: f64,
+}
+
+/// Least and greatest temperature, °C, that the cell of the last run on a bench bears; none where that is not known.
+pub fn last_cell_c(state: &State) -> Option<(f64, f64)> {
+    let text = std::fs::read_to_string(state.path(REPORT)).ok()?;
+    let report: serde_json::Value = serde_json::from_str(&text).ok()?;
+    Some((report["cell_c"][0].as_f64()?, report["cell_c"][1].as_f64()?))
 }
 
 /// Watches until the daemon says goodbye, or has to be replaced.
@@ -122,18 +145,14 @@ impl<'a> Watch<'a> {
         let log = state.path("guardian.log");
         logging::log_to_limited(&log, clock).map_err(|source| StateError::Io { path: log, what: "cannot be written", source })?;
         let mut taps = BTreeMap::new();
-        for role in DRIVES {
+        for role in ROLES {
             let path = state.path(&format!("guardian_{role}.txt"));
             let begun = File::create(&path).and_then(|_| logging::Limited::open(&path));
             let file = begun.map_err(|source| StateError::Io { path, what: "cannot be written", source })?;
             taps.insert(role, Tap::new(file));
         }
         let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps };
-        let mut bench = Bench::unconnected(charge.bench, &connections)?;
-        bench.connect().await?;
-        bench.identify().await?.iter().try_for_each(Identified::expected)?;
-        // The daemon is to connect now.
-        drop(bench);
+        reach(charge.bench, &connections).await?;
         let report = Report {
             pid: pid(),
             daemon: getppid().as_raw(),
@@ -144,6 +163,9 @@ impl<'a> Watch<'a> {
             attempts: 0,
             failures: Vec::new(),
             read_back: BTreeMap::new(),
+            cell_c: charge.cell_c,
+            bath_c: None,
+            bath: None,
             took_s: None,
             unix_s: clock::unix_time_s(),
         };
@@ -168,8 +190,8 @@ impl<'a> Watch<'a> {
                 }
                 Ok(Some(word)) if word == TAKE_OVER => break "the daemon could not verify safe state",
                 Ok(Some(word)) => {
-                    if let Some((fixture, step)) = word.strip_prefix(DOING).and_then(|doing| doing.split_once(' ')) {
-                        (self.cell, self.report.step) = (fixture == "cell", step.to_owned());
+                    if let Some(doing) = word.strip_prefix(DOING) {
+                        self.heard(doing);
                     }
                     say!("{ALIVE}");
                 }
@@ -183,6 +205,19 @@ impl<'a> Watch<'a> {
         tracing::warn!("{cause} in step \"{}\": switching off", self.report.step);
         self.report.cause = Some(cause);
         self.switch_off().await
+    }
+
+    /// What is in the jig, at which set-point the bath was started, and the step.
+    fn heard(&mut self, doing: &str) {
+        let mut words = doing.splitn(3, ' ');
+        let (Some(fixture), Some(bath), Some(step)) = (words.next(), words.next(), words.next()) else { return };
+        (self.cell, self.report.step) = (fixture == "cell", step.to_owned());
+        let bath_c = bath.parse().ok();
+        if self.report.bath_c != bath_c {
+            self.report.bath_c = bath_c;
+            // For whoever switches off when this process is dead, too.
+            self.note("watching");
+        }
     }
 
     /// A daemon that came back in the middle would be worse than one that is gone, and its connections keep others out.
@@ -211,12 +246,21 @@ impl<'a> Watch<'a> {
             self.report.attempts += 1;
             let mut bench = Bench::unconnected(self.charge.bench, &self.connections)?;
             let safe = bench.safe_state().await;
+            let took_s = self.clock.now_s() - start_s;
+            if safe.drives_verified() && self.report.took_s.is_none() {
+                self.report.took_s = Some(took_s);
+                self.bath(&mut bench).await;
+            }
             drop(bench);
             if safe.verified {
-                self.report.took_s = Some(self.clock.now_s() - start_s);
-                return self.verified(&safe);
+                return self.verified(&safe, "verified");
             }
             self.failed(&safe);
+            // A pulse has ended by itself, and the bench is latched.
+            if safe.drives_verified() && safe.bath_is_silent() && took_s >= self.report.took_s.unwrap_or(took_s) + RELAYS_DROP_S {
+                self.report.bath = Some(safe.message.clone());
+                return self.verified(&safe, "verified, bath not reached");
+            }
             if !self.state.exists() && self.report.attempts >= PATIENCE {
                 tracing::error!("the state folder was taken away: giving up");
                 return Err(GuardianError::GaveUp);
@@ -224,6 +268,17 @@ impl<'a> Watch<'a> {
             self.clock.sleep_s(pause_s).await;
             pause_s = (2.0 * pause_s).min(BACKOFF_S.1);
         }
+    }
+
+    /// A bath that closes its own loop goes on, unless it is no longer set as the run has set it. Looked at once, when nothing moves charge any more.
+    async fn bath(&mut self, bench: &mut Bench) {
+        let Some(setpoint_c) = self.report.bath_c else { return };
+        let Some(bath) = bench.stray_bath_of(setpoint_c).await else { return };
+        tracing::warn!("{bath}");
+        if bath.astray {
+            self.latch(Latched::new("guardian", &format!("{}: {bath}", self.cause())));
+        }
+        self.report.bath = Some(bath.words);
     }
 
     fn failed(&mut self, safe: &SafeReport) {
@@ -243,8 +298,10 @@ impl<'a> Watch<'a> {
         }
     }
 
-    fn verified(&mut self, safe: &SafeReport) -> Result<(), GuardianError> {
-        tracing::warn!("every output is off and read back, {:.1} s after the guardian stepped in", self.report.took_s.unwrap_or(0.0));
+    /// Everything that moves charge is off.
+    fn verified(&mut self, safe: &SafeReport, status: &'static str) -> Result<(), GuardianError> {
+        let took_s = self.report.took_s.unwrap_or(0.0);
+        tracing::warn!("{}, {took_s:.1} s after the guardian stepped in", if safe.verified { EVERYTHING } else { &safe.message });
         self.report.failures.clear();
         let metered = safe.outputs.iter().filter_map(|output| Some((output.role.clone(), (output.volts?, output.amps?))));
         self.report.read_back = metered.collect();
@@ -256,7 +313,7 @@ impl<'a> Watch<'a> {
             let trip = Trip::Limit { what, value, unit: "V", least, greatest, time_s: self.clock.now_s() };
             self.latch(Latched::of_trip("guardian", &trip));
         }
-        self.note("verified");
+        self.note(status);
         // After the latch: where that could not be written, the run stays open.
         if let Err(error) = self.latched.take().unwrap_or(Ok(())).and_then(|()| self.state.settled()) {
             tracing::error!("{error}");
@@ -280,6 +337,20 @@ impl<'a> Watch<'a> {
         (self.report.status, self.report.unix_s) = (status, clock::unix_time_s());
         Ok(self.state.json(REPORT, &self.report)?)
     }
+}
+
+/// Reaches and identifies every instrument that can move charge, and the bath where it can be reached; lets go of them, for the daemon is to connect.
+async fn reach(bench: &config::Bench, connections: &Connections) -> Result<(), GuardianError> {
+    let mut bench = Bench::unconnected(bench, connections)?;
+    bench.connect().await?;
+    let bath = bench.chiller.take();
+    bench.identify().await?.iter().try_for_each(Identified::expected)?;
+    bench.chiller = bath;
+    // It moves no charge, and may serve another client: the daemon says what it thinks of that.
+    if let Err(error) = bench.reach_bath().await {
+        tracing::warn!("{error}");
+    }
+    Ok(())
 }
 
 /// The lines that the daemon sends; the channel ends with the daemon.

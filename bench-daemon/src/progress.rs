@@ -29,12 +29,14 @@ pub struct Progress {
 pub struct Doing(Arc<Mutex<Now>>);
 
 /// The step in work.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Now {
     /// In words; empty before the first.
     pub step: String,
     /// What is in the jig, where it is known.
     pub fixture: Option<Fixture>,
+    /// At which set-point this run has started a bath that closes its own loop, °C.
+    pub bath_c: Option<f64>,
 }
 
 impl Doing {
@@ -81,6 +83,11 @@ impl Progress {
         if !self.terminal && self.stage.replace(known) != known {
             remark!("{stage} …");
         }
+    }
+
+    /// The bath was started at a set-point, °C, and holds it by itself.
+    pub fn bath(&self, setpoint_c: f64) {
+        self.doing.set(|now| now.bath_c = Some(setpoint_c));
     }
 
     /// Something that holds until the next step begins.

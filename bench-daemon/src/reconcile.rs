@@ -22,15 +22,40 @@ pub struct Found {
     pub amps: Option<f64>,
 }
 
-/// Looks at everything that can move charge.
+impl Found {
+    /// It can move charge; a bath cannot.
+    pub fn moves_charge(&self) -> bool {
+        self.role != "chiller"
+    }
+}
+
+/// Looks at everything that can move charge, and at the bath.
 ///
 /// # Errors
 /// The first instrument that does not answer.
 pub async fn look(bench: &mut Bench) -> Result<Vec<Found>, BenchError> {
-    look_each(bench).await.into_iter().collect()
+    let drives = look_each(bench).await;
+    drives.into_iter().chain(look_bath(bench).await).collect()
 }
 
-/// The same, each by itself: one that does not answer does not keep the others from being looked at. What is not connected is connected to.
+/// Looks at the bath: whether it stands still, or its relays are open. What is not connected is connected to.
+pub async fn look_bath(bench: &mut Bench) -> Option<Result<Found, BenchError>> {
+    let error = bench.error("chiller");
+    let bath = bench.chiller.as_mut()?;
+    let answers = async {
+        if bath.link_mut().is_dropped() {
+            bath.link_mut().reconnect().await?;
+        }
+        bath.look().await
+    };
+    let found = answers.await.map(|answers| {
+        let off = answers.iter().all(|answer| answer.as_scripted);
+        Found { role: "chiller".to_owned(), off, answers, volts: None, amps: None }
+    });
+    Some(found.map_err(&error))
+}
+
+/// Looks at everything that can move charge, each by itself: one that does not answer does not keep the others from being looked at. What is not connected is connected to.
 pub async fn look_each(bench: &mut Bench) -> Vec<Result<Found, BenchError>> {
     let mut all = Vec::new();
     macro_rules! look {

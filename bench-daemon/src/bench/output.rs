@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::BathLeft;
 use crate::interlock::NO_CURRENT_A;
 
 /// What one instrument was left in.
@@ -29,6 +30,9 @@ pub struct Output {
     pub by: Option<String>,
     /// What bounds its current, where it could not be verified to be off.
     pub bound: Option<String>,
+    /// It was not reached, or did not answer; told of a bath only.
+    #[serde(default)]
+    pub silent: bool,
     /// What went wrong, in the words of the link: for the log.
     pub trouble: Option<String>,
 }
@@ -55,7 +59,10 @@ impl Output {
         let (name, unplug) = (self.name(), self.unplug());
         let bound = self.bound.as_ref().map_or_else(String::new, |bound| format!(", {bound}"));
         match (self.role.as_str(), self.amps) {
-            ("chiller", _) => format!("the relays of {name} are not known to be open; a pulse ends by itself within a minute: {unplug}"),
+            ("chiller", _) => {
+                let reached = if self.silent { " and it was not reached" } else { "" };
+                format!("the relays of {name} are not known to be open{reached}; a pulse ends by itself within a minute: {unplug}")
+            }
             ("generator", _) if drive_off => {
                 format!("{name} is not known to be off; the bipolar supply that it commands is off, so that it drives nothing: {unplug}")
             }
@@ -135,6 +142,9 @@ pub struct SafeReport {
     pub message: String,
     /// Every instrument that was switched off.
     pub outputs: Vec<Output>,
+    /// What a bath that closes its own loop does, where it was looked at.
+    #[serde(default)]
+    pub bath: Option<BathLeft>,
 }
 
 impl SafeReport {
@@ -159,7 +169,27 @@ impl SafeReport {
         } else {
             wrong.iter().map(|output| output.clause(drive_off)).collect::<Vec<_>>().join("; ")
         };
-        Self { bench: bench.to_owned(), verified, message, outputs }
+        Self { bench: bench.to_owned(), verified, message, outputs, bath: None }
+    }
+
+    /// Everything that moves charge is off; a bath may not be.
+    pub fn drives_verified(&self) -> bool {
+        self.outputs.iter().filter(|output| output.role != "chiller").all(Output::verified)
+    }
+
+    /// The bath did not answer.
+    pub fn bath_is_silent(&self) -> bool {
+        self.outputs.iter().any(|output| output.silent)
+    }
+
+    /// The same with what a bath that closes its own loop does. One that goes astray is nothing that could be called verified.
+    #[must_use]
+    pub fn with_bath(mut self, bath: Option<BathLeft>) -> Self {
+        if let Some(bath) = bath.as_ref().filter(|bath| bath.astray) {
+            self.message = if self.verified { bath.words.clone() } else { format!("{}; {}", self.message, bath.words) };
+            self.verified = false;
+        }
+        Self { bath, ..self }
     }
 
     /// The message as an error where something is not verified.

@@ -26,6 +26,8 @@ use crate::interlock::NO_CURRENT_A;
 /// How often safe state is tried again, and the pause before each, s.
 const SAFE_RETRIES: usize = 5;
 const SAFE_PAUSE_S: f64 = 1.0;
+/// How often relays are opened again where everything else is off.
+const BATH_RETRIES: usize = 1;
 /// After this time no current may flow, s: a meter that shows two values per second has shown the new one; what is read twice in a row as none, this far apart, is none.
 const SAFE_SETTLE_S: f64 = 1.5;
 const SAFE_AGAIN_S: f64 = 0.1;
@@ -113,7 +115,8 @@ impl Bench {
             let mut outputs = self.try_safe().await;
             remember(&mut self.lied, &mut outputs);
             report = SafeReport::of(&self.name, outputs);
-            if report.verified {
+            // What moves charge is off: a bath that cannot be reached does not keep that from being told.
+            if report.verified || (report.drives_verified() && attempt >= BATH_RETRIES) {
                 return report;
             }
             tracing::info!("switching off, attempt {}: {}; {}", attempt + 1, report.message, report.troubles());
@@ -173,38 +176,19 @@ impl Bench {
         found
     }
 
-    /// Stops a bath that closes its loop itself, that this run has started, and that is no longer set as the run has set it: nobody knows where it goes. Where it
-    /// does not stop, it is told the other ways of its dialect. What became of it, in words; nothing where it is as it should be.
-    pub async fn stray_bath(&mut self) -> Option<String> {
-        let bath = self.chiller.as_mut().filter(|chiller| !chiller.is_regulated() && chiller.was_told())?;
-        fresh(bath).await;
-        let met = match bath.differs().await {
-            Ok(None) => return None,
-            Ok(Some(met)) => met,
-            Err(error) => return Some(format!("LOOK AT THE BATH: where it goes is not known: {error}")),
-        };
-        let Err(error) = bath.stop().await else { return Some(format!("the bath was stopped, for {met}")) };
-        for way in bath.zero() {
-            fresh(bath).await;
-            if bath.go(&way).await.is_ok() {
-                return Some(format!("LOOK AT THE BATH: {met}, and it does not stop ({error}); it was given {}", way.name));
-            }
-        }
-        Some(format!("LOOK AT THE BATH: {met}, and it does not stop: {error}: SWITCH IT OFF AT ITS PANEL"))
-    }
-
     async fn try_safe(&mut self) -> Vec<Output> {
         let offset = Volts(self.command_offset_v);
         let clock = self.clock.clone();
-        let driven = off(&mut self.generator, &mut self.supply4q, (&clock, offset));
-        let bath = self.chiller.as_mut().filter(|chiller| chiller.is_regulated());
-        let ((supply4q, generator, held), load, supply, relays) =
-            tokio::join!(driven, end(&mut self.load, &clock), end(&mut self.supply, &clock), open_relays(bath));
-        let (supply4q, load, supply) = tokio::join!(
-            found(&mut self.supply4q, supply4q, &clock),
-            found(&mut self.load, load, &clock),
-            found(&mut self.supply, supply, &clock)
-        );
+        let Self { generator, supply4q, load, supply, chiller, .. } = self;
+        // What moves charge waits for no bath.
+        let driven = async {
+            let driven = off(generator, supply4q, (&clock, offset));
+            let ((drive, commands, held), loaded, charged) = tokio::join!(driven, end(load, &clock), end(supply, &clock));
+            let found = tokio::join!(found(supply4q, drive, &clock), found(load, loaded, &clock), found(supply, charged, &clock));
+            (found, commands, held)
+        };
+        let (((supply4q, load, supply), generator, held), relays) =
+            tokio::join!(driven, open_relays(chiller.as_mut().filter(|chiller| chiller.is_regulated())));
         let plain = |ended: Result<(), LinkError>| Output { off: ended.is_ok(), trouble: told(ended), ..Output::default() };
         let commands = |ended| match held {
             true => Output { by: Some(LEAST_SINE.to_owned()), ..Output::default() },
@@ -215,7 +199,7 @@ impl Bench {
             ("generator", self.generator.is_some().then(|| commands(generator))),
             ("load", load),
             ("supply", supply),
-            ("chiller", relays.map(plain)),
+            ("chiller", relays),
         ];
         let named =
             |(role, output): (&str, Option<Output>)| Some(Output { role: role.to_owned(), model: self.model(role).to_owned(), ..output? });
@@ -322,20 +306,33 @@ async fn found<D: Drive>(drive: &mut Option<D>, (off, mut by): Ended, clock: &Cl
     if bounds.is_empty() {
         bounds.push(format!("nothing but its rating of {} A is known to bound it", drive.rating_a()));
     }
+    if drive.ways().is_empty() {
+        bounds.push("no other command ends it, for it follows its analog input".to_owned());
+    }
     Some(Output { by: by.map(str::to_owned), bound: Some(bounds.join(", ")), ..output })
 }
 
-async fn open_relays(bath: Option<&mut Chiller>) -> Option<Result<(), LinkError>> {
+/// Opens the relays of a bath without a loop of its own. Where they are not known to be open the other ways of its dialect are gone, and it is asked once more.
+async fn open_relays(bath: Option<&mut Chiller>) -> Option<Output> {
     let bath = bath?;
     fresh(bath).await;
-    let off = bath.pulse(0.0).await;
-    if off.is_err() {
+    let mut off = bath.pulse(0.0).await;
+    // Who does not answer is asked no more: the next attempt comes soon.
+    let silent = bath.link_mut().is_dropped();
+    let mut by = None;
+    if off.is_err() && !silent {
         for way in bath.zero() {
             fresh(bath).await;
-            let _ = bath.go(&way).await;
+            if let Err(error) = bath.go(&way).await {
+                tracing::warn!("{}: {error}", way.name);
+            }
+        }
+        // By their own word they may be open by now.
+        if bath.look().await.is_ok_and(|answers| answers.iter().all(|answer| answer.as_scripted)) {
+            (off, by) = (Ok(()), bath.zero().first().map(|way| way.name.to_owned()));
         }
     }
-    Some(off)
+    Some(Output { off: off.is_ok(), by, silent, trouble: told(off), ..Output::default() })
 }
 
 /// The one order in which the bipolar supply and its command go off: the least sine, the supply with its output open, the generator. What becomes of supply and
@@ -369,7 +366,7 @@ async fn off(
 }
 
 /// A new connection where the old one was dropped. When that fails, so does what is tried next, and says why.
-async fn fresh<D: Model + ?Sized>(instrument: &mut Instrument<D>) {
+pub(super) async fn fresh<D: Model + ?Sized>(instrument: &mut Instrument<D>) {
     if instrument.link_mut().is_dropped() {
         let _ = instrument.link_mut().reconnect().await;
     }

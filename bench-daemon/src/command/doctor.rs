@@ -269,7 +269,8 @@ impl Visit<'_> {
     /// What needs the bench for itself, with a guardian beside it; always ends in safe state.
     async fn guarded(&self, mut findings: Findings, connections: &Connections) -> Result<Findings, Failure> {
         let progress = Progress::new(&Plan { stages: Vec::new() });
-        let charge = Charge { bench: self.config, run: self.folder, window_v: COPPER_WINDOW_V, sha256: hash::sha256(self.text) };
+        let charge =
+            Charge { bench: self.config, run: self.folder, window_v: COPPER_WINDOW_V, cell_c: None, sha256: hash::sha256(self.text) };
         let mut stop = StopSignals::install()?;
         let expected = "a guardian that reaches every instrument that can move charge";
         let taken = tokio::select! {

@@ -27,6 +27,12 @@ pub struct GuardianArgs {
     /// Greatest voltage of the cell, V.
     #[arg(long)]
     pub greatest_v: f64,
+    /// Least temperature of the cell, °C.
+    #[arg(long, requires = "greatest_c", allow_hyphen_values = true)]
+    pub least_c: Option<f64>,
+    /// Greatest temperature of the cell, °C.
+    #[arg(long, requires = "least_c", allow_hyphen_values = true)]
+    pub greatest_c: Option<f64>,
     /// SHA-256 of the bench file as the daemon has read it.
     #[arg(long)]
     pub sha256: String,
@@ -49,7 +55,8 @@ pub fn guardian(args: &GuardianArgs) -> Result<(), Failure> {
     Ok(Clock::runtime(bench.time())?.block_on(async {
         // The end of the terminal and a request to stop are for the daemon; the guardian ends after it.
         let _deaf = StopSignals::install().map_err(guardian::GuardianError::Start)?;
-        let charge = Charge { bench: &bench, run: &args.run, window_v: (args.least_v, args.greatest_v), sha256: found };
+        let cell_c = args.least_c.zip(args.greatest_c);
+        let charge = Charge { bench: &bench, run: &args.run, window_v: (args.least_v, args.greatest_v), cell_c, sha256: found };
         guardian::watch(&charge, &Clock::start(bench.time())).await.inspect_err(|error| {
             if error.may_pass() {
                 say!("{}", Keeper::MAY_PASS);

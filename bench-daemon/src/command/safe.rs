@@ -14,6 +14,7 @@ use crate::{
     command::Failure,
     config::{self, load_any_bench},
     custody::settle_verified,
+    guardian::last_cell_c,
     state::{Holder, Latched, State},
     terminal::{remark, say},
 };
@@ -63,7 +64,7 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         }
         // Where somebody else holds the connections, that nothing is known is no reason to latch: he is asked to end, and has a guardian.
         let latch = state.filter(|_| gone);
-        let off = switch_off((&bench, &clock), latch, args.json).await.inspect_err(|_| {
+        let off = switch_off((&bench, &clock), (state, latch), args.json).await.inspect_err(|_| {
             if !gone {
                 remark!("eis-bench: instruments that take one client answer only after the process that runs the bench has ended: --kill ends it");
             }
@@ -74,7 +75,7 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         if ended(state, &clock, ENDS_S.1).await {
             guarded(state, &clock).await;
             remark!("the process that ran the bench has ended by now; once more:");
-            return switch_off((&bench, &clock), state, args.json).await.map(drop);
+            return switch_off((&bench, &clock), (state, state), args.json).await.map(drop);
         }
         let failures = match runner(state) {
             Runner::Unknown(why) => format!("everything was off, but {UNKNOWN}, and it may switch on again: {why}"),
@@ -92,7 +93,7 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
 fn simulated(bench: String, json: bool) {
     let message = format!("{bench} is simulated in the process that runs it: there is nothing to switch off and nothing to read back");
     if json {
-        let report = SafeReport { bench, verified: false, message, outputs: Vec::new() };
+        let report = SafeReport { bench, message, ..SafeReport::default() };
         say!("{}", serde_json::to_string(&Simulated { report, simulated: true }).unwrap_or_default());
     } else {
         say!("{message}");
@@ -177,14 +178,23 @@ fn end(holder: &Holder, how: Signal) {
     }
 }
 
-/// Switches off and prints what was read back, a line for each instrument, or the report as it is.
-async fn switch_off((config, clock): (&config::Bench, &Clock), state: Option<&State>, json: bool) -> Result<SafeReport, Failure> {
+/// Switches off and prints what was read back, a line for each instrument, or the report as it is. The first state tells what the cell bears; the second is
+/// latched where something is not verified.
+async fn switch_off(
+    (config, clock): (&config::Bench, &Clock),
+    (place, state): (Option<&State>, Option<&State>),
+    json: bool,
+) -> Result<SafeReport, Failure> {
     let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps: BTreeMap::new() };
     let mut bench = Bench::unconnected(config, &connections)?;
     let report = bench.safe_state().await;
+    // It moves no charge: it is asked when everything else is off.
+    let bath = bench.bath(place.and_then(last_cell_c)).await;
+    let report = report.with_bath(bath);
     tell(&report, json);
     if !json {
         report.outputs.iter().for_each(|output| say!("{}", output.line()));
+        report.bath.iter().for_each(|bath| say!("{bath}"));
     }
     let Err(unproven) = report.clone().proven() else { return Ok(report) };
     let failure = Failure::from(unproven);

@@ -10,6 +10,7 @@ use crate::{
     bench::{Bench, Connections},
     command::Failure,
     config,
+    guardian::last_cell_c,
     interlock::NO_CURRENT_A,
     journal::{self, Entry, Line},
     reconcile,
@@ -31,8 +32,13 @@ pub(super) async fn settle(bench: &config::Bench, state: &State, clock: &Clock) 
     let mut bench = Bench::unconnected(bench, &connections)?;
     let found = reconcile::look_each(&mut bench).await;
     let quiet = found.iter().all(|found| found.as_ref().is_ok_and(|found| found.off && found.amps.unwrap_or(0.0).abs() <= NO_CURRENT_A));
-    let listed: Vec<String> =
-        found.iter().map(|found| found.as_ref().map_or_else(|error| format!("not reached: {error}"), ToString::to_string)).collect();
+    // A bath moves no charge: what it does is told, and judged by nobody but the reader.
+    let bath = reconcile::look_bath(&mut bench).await;
+    let listed: Vec<String> = found
+        .iter()
+        .chain(&bath)
+        .map(|found| found.as_ref().map_or_else(|error| format!("not reached: {error}"), ToString::to_string))
+        .collect();
     let text = format!("{}; {}", died(&open), listed.join("; "));
     if quiet && flowing.is_none() {
         // It died while nothing was on.
@@ -41,8 +47,10 @@ pub(super) async fn settle(bench: &config::Bench, state: &State, clock: &Clock) 
         return Ok(state.settle(&open)?);
     }
     let switched = bench.safe_state().await;
+    let bath = bench.bath(last_cell_c(state)).await;
+    let switched = switched.with_bath(bath);
     let outcome = if switched.verified {
-        "now every output is off and read back".to_owned()
+        format!("now every output is off and read back{}", switched.bath.as_ref().map_or_else(String::new, |bath| format!("; {bath}")))
     } else {
         format!("NOT SWITCHED OFF: {}", switched.message)
     };

@@ -123,7 +123,7 @@ async fn look(config: &config::Bench, clock: &Clock) -> Result<(), String> {
 /// Whatever keeps it from that.
 pub async fn hold((config, sha256): (&config::Bench, String), clock: &Clock, folder: &Path) -> Result<(), Failure> {
     let progress = Progress::new(&Plan { stages: Vec::new() });
-    let charge = Charge { bench: config, run: folder, window_v: super::COPPER_WINDOW_V, sha256 };
+    let charge = Charge { bench: config, run: folder, window_v: super::COPPER_WINDOW_V, cell_c: None, sha256 };
     let custody = Custody::take_for(&charge, (clock, progress.doing())).await?;
     let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps: std::collections::BTreeMap::new() };
     let mut bench = Bench::open(config, &connections).await?;

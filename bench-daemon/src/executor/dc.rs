@@ -95,6 +95,9 @@ impl Executor<'_> {
             }
         }
         self.chiller_runs = true;
+        if self.thermostat.is_none() {
+            self.progress.bath(setpoint_c);
+        }
         let start_s = self.clock.now_s();
         let mut steady_since_s = None;
         loop {

@@ -15,7 +15,7 @@ use std::{
 use instruments::clock::Clock;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 
-use super::{ALIVE, Charge, DOING, GOODBYE, READY, REFUSED, TAKE_OVER};
+use super::{ALIVE, Charge, DOING, GOODBYE, NO_BATH, READY, REFUSED, TAKE_OVER};
 use crate::{
     bench::BenchError,
     plan::fixture_name,
@@ -183,6 +183,7 @@ pub async fn wait_for_earlier(state: &State, clock: &Clock) -> Result<(), Guardi
 
 fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
     let (least_v, greatest_v) = charge.window_v;
+    let temperatures = charge.cell_c.map(|(least_c, greatest_c)| [format!("--least-c={least_c}"), format!("--greatest-c={greatest_c}")]);
     // The program that runs, even when the file has been replaced meanwhile. A process group of its own: Ctrl-C at the terminal is not for it.
     Command::new("/proc/self/exe")
         .arg("guardian")
@@ -191,6 +192,7 @@ fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
         .arg(charge.run)
         .arg(format!("--least-v={least_v}"))
         .arg(format!("--greatest-v={greatest_v}"))
+        .args(temperatures.iter().flatten())
         .arg("--sha256")
         .arg(&charge.sha256)
         .process_group(0)
@@ -241,7 +243,8 @@ impl Renewal {
         if known.as_ref() == Some(&now) {
             return Some(ALIVE.to_owned());
         }
-        let word = format!("{DOING}{} {}", now.fixture.map_or("unknown", fixture_name), now.step.replace('\n', " "));
+        let bath = now.bath_c.map_or_else(|| NO_BATH.to_owned(), |setpoint_c| setpoint_c.to_string());
+        let word = format!("{DOING}{} {bath} {}", now.fixture.map_or("unknown", fixture_name), now.step.replace('\n', " "));
         *known = Some(now);
         Some(word)
     }
@@ -290,13 +293,15 @@ mod tests {
             let doing = progress.doing().clone();
             let renewal = Renewal { clock: clock.clone(), doing, stall_s: 20.0, answers: Arc::default(), tell };
             let mut known = None;
-            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing unknown "));
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing unknown - "));
             assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
             let mount = Step::Mount(Fixture::Cell);
             progress.begin("sweep", &mount);
             progress.end(&mount);
             progress.begin("sweep", &Step::PowerDown);
-            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing cell bipolar supply down"));
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing cell - bipolar supply down"));
+            progress.bath(25.5);
+            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing cell 25.5 bipolar supply down"));
             // A wait within its bound, however long.
             let wait = clock.wait(Some(Duration::from_secs(3600)));
             other.sleep_s(3000.0).await;

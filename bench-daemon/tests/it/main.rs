@@ -6,6 +6,7 @@ mod additions;
 mod architecture;
 mod bad_day;
 mod bath;
+mod bath_safe;
 mod benches;
 mod campaign;
 mod configuration;

@@ -261,8 +261,12 @@ impl Ports {
 
     /// Asks an instrument one question over a connection of its own; instruments take one client at a time, so that nobody else may be connected.
     pub(crate) fn ask(&self, role: &str, question: &str) -> String {
-        let address = self.addresses.iter().find(|(name, _)| *name == role).unwrap().1.strip_prefix("tcp://").unwrap();
-        ask(address, question)
+        ask(self.address(role), question)
+    }
+
+    /// Host and port of an instrument.
+    pub(crate) fn address(&self, role: &str) -> &str {
+        self.addresses.iter().find(|(name, _)| *name == role).unwrap().1.strip_prefix("tcp://").unwrap()
     }
 
     /// Every output that can move charge says that it is off.

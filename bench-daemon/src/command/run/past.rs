@@ -164,7 +164,7 @@ impl Run<'_> {
         }
         // The load's leads see the cell itself; a current that flows moves it, too.
         let volts = found.iter().find(|found| found.role == "load").and_then(|found| found.volts);
-        let quiet = found.iter().all(|found| found.off);
+        let quiet = found.iter().filter(|found| found.moves_charge()).all(|found| found.off);
         let Some((past, volts)) = self.past.as_ref().zip(volts).filter(|_| quiet) else { return Ok(()) };
         let Some(text) = past.moved(volts) else { return Ok(()) };
         if !past.accepted {
