@@ -23,7 +23,7 @@ use nix::{
     sys::signal::{Signal, kill},
     unistd::{Pid, getppid},
 };
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use tokio::sync::mpsc::UnboundedReceiver;
 
 pub use keeper::{GuardianError, Keeper, wait_for_earlier};
@@ -49,6 +49,8 @@ const READY: &str = "ready";
 const REFUSED: &str = "refused ";
 
 const REPORT: &str = "guardian.json";
+/// What can move charge.
+pub const DRIVES: [&str; 4] = ["supply4q", "generator", "load", "supply"];
 /// What is switched off or looked at.
 const ROLES: [&str; 5] = ["supply4q", "generator", "load", "supply", "chiller"];
 /// So long after everything else was off it goes on trying to reach a board of relays, s: the longest pulse of one has ended by then.
@@ -75,29 +77,64 @@ pub struct Charge<'a> {
     pub sha256: String,
 }
 
+/// How far a guardian is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// It waits for the daemon's life to end.
+    Watching,
+    /// It has not read everything back as off yet.
+    #[serde(rename = "switching off")]
+    SwitchingOff,
+    /// It has.
+    Verified,
+    /// It has, but for a bath that does not answer.
+    #[serde(rename = "verified, bath not reached")]
+    BathNotReached,
+    /// The daemon has read everything back itself, and needs it no more.
+    Dismissed,
+}
+
 /// The guardian's report, in the state folder.
-#[derive(Debug, Clone, Serialize)]
-struct Report {
-    pid: i32,
-    daemon: i32,
-    run: String,
-    status: &'static str,
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Its process.
+    pub pid: i32,
+    /// The process that it watches.
+    pub daemon: i32,
+    /// The run folder of that.
+    pub run: String,
+    /// How far it is.
+    pub status: Status,
     /// Why it stepped in.
-    cause: Option<&'static str>,
-    step: String,
-    attempts: u32,
-    failures: Vec<String>,
-    /// What each instrument measured after it was off, V and A.
-    read_back: BTreeMap<String, (f64, f64)>,
+    pub cause: Option<String>,
+    /// The step in work.
+    pub step: String,
+    /// How often it has switched off.
+    pub attempts: u32,
+    /// What the last of these times has shown, as `eis-bench safe --json` prints it; not in the file of an older guardian.
+    #[serde(flatten)]
+    pub safe: Option<SafeReport>,
     /// Least and greatest temperature of the cell, °C.
-    cell_c: Option<(f64, f64)>,
+    #[serde(default)]
+    pub cell_c: Option<(f64, f64)>,
     /// At which set-point the run has started a bath that closes its own loop, °C.
-    bath_c: Option<f64>,
+    #[serde(default)]
+    pub bath_c: Option<f64>,
     /// What became of the bath, where something did.
-    bath: Option<String>,
+    #[serde(default)]
+    pub bath_ended: Option<String>,
     /// From stepping in to everything that moves charge verified, bench s.
-    took_s: Option<f64>,
-    unix_s: f64,
+    pub took_s: Option<f64>,
+    /// When it was written, s since 1970.
+    pub unix_s: f64,
+}
+
+impl Report {
+    /// The last guardian's, where there is one that can be understood.
+    pub fn read(state: &State) -> Option<Self> {
+        serde_json::from_str(&std::fs::read_to_string(state.path(REPORT)).ok()?).ok()
+    }
 }
 
 /// Least and greatest temperature, °C, that the cell of the last run on a bench bears; none where that is not known.
@@ -157,15 +194,14 @@ impl<'a> Watch<'a> {
             pid: pid(),
             daemon: getppid().as_raw(),
             run: charge.run.display().to_string(),
-            status: "watching",
+            status: Status::Watching,
             cause: None,
             step: String::new(),
             attempts: 0,
-            failures: Vec::new(),
-            read_back: BTreeMap::new(),
+            safe: None,
             cell_c: charge.cell_c,
             bath_c: None,
-            bath: None,
+            bath_ended: None,
             took_s: None,
             unix_s: clock::unix_time_s(),
         };
@@ -186,7 +222,7 @@ impl<'a> Watch<'a> {
             match self.clock.deadline(lease, self.words.recv()).await {
                 Ok(Some(word)) if word == GOODBYE => {
                     tracing::info!("goodbye");
-                    return self.tell("dismissed");
+                    return self.tell(Status::Dismissed);
                 }
                 Ok(Some(word)) if word == TAKE_OVER => break "the daemon could not verify safe state",
                 Ok(Some(word)) => {
@@ -203,7 +239,7 @@ impl<'a> Watch<'a> {
             }
         };
         tracing::warn!("{cause} in step \"{}\": switching off", self.report.step);
-        self.report.cause = Some(cause);
+        self.report.cause = Some(cause.to_owned());
         self.switch_off().await
     }
 
@@ -241,7 +277,7 @@ impl<'a> Watch<'a> {
         let start_s = self.clock.now_s();
         let mut pause_s = BACKOFF_S.0;
         // A report that cannot be written, on a full disk perhaps, must not keep it from switching off.
-        self.note("switching off");
+        self.note(Status::SwitchingOff);
         loop {
             self.report.attempts += 1;
             let mut bench = Bench::unconnected(self.charge.bench, &self.connections)?;
@@ -252,14 +288,15 @@ impl<'a> Watch<'a> {
                 self.bath(&mut bench).await;
             }
             drop(bench);
+            self.report.safe = Some(safe.clone());
             if safe.verified {
-                return self.verified(&safe, "verified");
+                return self.verified(&safe, Status::Verified);
             }
             self.failed(&safe);
             // A pulse has ended by itself, and the bench is latched.
             if safe.drives_verified() && safe.bath_is_silent() && took_s >= self.report.took_s.unwrap_or(took_s) + RELAYS_DROP_S {
-                self.report.bath = Some(safe.message.clone());
-                return self.verified(&safe, "verified, bath not reached");
+                self.report.bath_ended = Some(safe.message.clone());
+                return self.verified(&safe, Status::BathNotReached);
             }
             if !self.state.exists() && self.report.attempts >= PATIENCE {
                 tracing::error!("the state folder was taken away: giving up");
@@ -278,35 +315,32 @@ impl<'a> Watch<'a> {
         if bath.astray {
             self.latch(Latched::new("guardian", &format!("{}: {bath}", self.cause())));
         }
-        self.report.bath = Some(bath.words);
+        self.report.bath_ended = Some(bath.words);
     }
 
     fn failed(&mut self, safe: &SafeReport) {
-        self.report.failures = vec![safe.message.clone()];
         tracing::error!("attempt {}: {}; {}", self.report.attempts, safe.message, safe.troubles());
         if self.report.attempts == 1 {
             tracing::error!("trying again until it succeeds; to end this, kill process {}", pid());
             self.latch(Latched::new("guardian", &format!("{}, and the guardian cannot switch off: {}", self.cause(), safe.message)));
         }
-        self.note("switching off");
+        self.note(Status::SwitchingOff);
     }
 
     /// Reports as well as it can.
-    fn note(&mut self, status: &'static str) {
+    fn note(&mut self, status: Status) {
         if let Err(error) = self.tell(status) {
             tracing::error!("{error}");
         }
     }
 
     /// Everything that moves charge is off.
-    fn verified(&mut self, safe: &SafeReport, status: &'static str) -> Result<(), GuardianError> {
+    fn verified(&mut self, safe: &SafeReport, status: Status) -> Result<(), GuardianError> {
         let took_s = self.report.took_s.unwrap_or(0.0);
         tracing::warn!("{}, {took_s:.1} s after the guardian stepped in", if safe.verified { EVERYTHING } else { &safe.message });
-        self.report.failures.clear();
-        let metered = safe.outputs.iter().filter_map(|output| Some((output.role.clone(), (output.volts?, output.amps?))));
-        self.report.read_back = metered.collect();
         // The load's leads see the cell itself. What cannot be read any more may be anything.
-        let volts = ["load", "supply4q"].iter().find_map(|role| self.report.read_back.get(*role)).map_or(f64::NAN, |(volts, _)| *volts);
+        let read = |role: &&str| safe.outputs.iter().find(|output| output.role == *role)?.volts;
+        let volts = ["load", "supply4q"].iter().find_map(read).unwrap_or(f64::NAN);
         let (least, greatest) = self.charge.window_v;
         if let Some(value) = Some(volts).filter(|volts| self.cell && !(least..=greatest).contains(volts)) {
             let what = "cell voltage, found by the guardian after it had switched off,";
@@ -321,8 +355,8 @@ impl<'a> Watch<'a> {
         Ok(self.state.remember(&serde_json::json!({ "what": "switched off by the guardian", "report": self.report }))?)
     }
 
-    fn cause(&self) -> &'static str {
-        self.report.cause.unwrap_or_default()
+    fn cause(&self) -> &str {
+        self.report.cause.as_deref().unwrap_or_default()
     }
 
     fn latch(&mut self, trip: Latched) {
@@ -333,7 +367,7 @@ impl<'a> Watch<'a> {
         self.latched = Some(latched);
     }
 
-    fn tell(&mut self, status: &'static str) -> Result<(), GuardianError> {
+    fn tell(&mut self, status: Status) -> Result<(), GuardianError> {
         (self.report.status, self.report.unix_s) = (status, clock::unix_time_s());
         Ok(self.state.json(REPORT, &self.report)?)
     }

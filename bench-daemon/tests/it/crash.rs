@@ -16,7 +16,7 @@ use analysis::{dataset::read_spectrum_csv, spectrum::ImpedancePoint};
 use bench_daemon::journal::Entry;
 
 use crate::{
-    guardian::state,
+    guardian::{amps, state},
     resume::resume,
     support::{EXPERIMENT, Files, Ports, SCENARIO, command, files_below, poll},
 };
@@ -224,7 +224,7 @@ pub(crate) fn guarded(files: &Files, drill: &str) -> String {
     }
     assert_eq!(report["attempts"], 1, "{drill}: {report}");
     for role in ["supply4q", "load", "supply"] {
-        assert!(report["read_back"][role][1].as_f64().unwrap().abs() < 0.1, "{drill}: {report}");
+        assert!(amps(&report, role).abs() < 0.1, "{drill}: {report}");
     }
     format!("off after {:.1} s", report["took_s"].as_f64().unwrap())
 }

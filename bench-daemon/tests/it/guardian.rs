@@ -38,6 +38,12 @@ pub(crate) fn report(files: &Files, status: &str) -> serde_json::Value {
     })
 }
 
+/// What an instrument measured after the guardian had switched it off, A.
+pub(crate) fn amps(report: &serde_json::Value, role: &str) -> f64 {
+    let outputs = report["outputs"].as_array().unwrap();
+    outputs.iter().find(|output| output["role"] == role).unwrap()["amps"].as_f64().unwrap()
+}
+
 pub(crate) fn signal(process: i32, signal: Signal) {
     kill(Pid::from_raw(process), signal).unwrap();
 }
@@ -69,7 +75,7 @@ fn a_daemon_that_is_killed_leaves_a_bench_that_is_off_within_five_seconds() {
     assert!(took_s < 5.0 && report["attempts"] == 1 && report["cause"] == "the daemon died", "{report}");
     assert!(report["step"].as_str().unwrap().starts_with("point"), "{report}");
     for role in ["supply4q", "load", "supply"] {
-        assert!(report["read_back"][role][1].as_f64().unwrap().abs() < 0.1, "{report}");
+        assert!(amps(&report, role).abs() < 0.1, "{report}");
     }
     ports.assert_outputs_off();
     assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
@@ -143,7 +149,7 @@ fn a_daemon_that_is_stopped_loses_its_lease_and_its_life() {
     wait_for_points(&mut child, &run, ("spectrum.csv", 2));
     signal(pid(&child), Signal::SIGSTOP);
     let report = report(&files, "verified");
-    assert!(report["cause"] == "the daemon hung or was stopped" && report["failures"] == serde_json::json!([]), "{report}");
+    assert!(report["cause"] == "the daemon hung or was stopped" && report["verified"] == true, "{report}");
     let status = child.0.wait().unwrap();
     assert_eq!(std::os::unix::process::ExitStatusExt::signal(&status), Some(9));
     ports.assert_outputs_off();
