@@ -16,7 +16,7 @@ mod stored;
 use std::path::{Path, PathBuf};
 
 pub use capture::{CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, read_capture, write_capture};
-pub use disk::write_atomically;
+pub use disk::{write_atomically, write_private};
 pub use index::{Commanded, CurrentBetween, CurrentPositive, FlaggedPoint, Role, RunIndex, SweepEntry, TraceEntry};
 pub use stored::{CaptureFile, open_capture};
 

@@ -2,6 +2,7 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use super::DatasetError;
@@ -12,17 +13,34 @@ use super::DatasetError;
 /// [`DatasetError::Io`]; the hidden file is then removed.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
     let beside = beside(path)?;
-    let written = File::create(&beside).and_then(|mut file| {
+    replace(path, (&beside, File::create(&beside)), bytes)
+}
+
+/// The same, by a file that has at most this mode from the beginning, whatever the process' umask lets everybody do: it is at no time readable or writable for
+/// others than the mode says.
+///
+/// # Errors
+/// As [`write_atomically`].
+pub fn write_private(path: &Path, bytes: &[u8], mode: u32) -> Result<(), DatasetError> {
+    let beside = beside(path)?;
+    // What is left of a crash would keep its mode.
+    let _ = fs::remove_file(&beside);
+    let made = OpenOptions::new().write(true).create_new(true).mode(mode).open(&beside);
+    replace(path, (&beside, made), bytes)
+}
+
+fn replace(path: &Path, (beside, made): (&Path, io::Result<File>), bytes: &[u8]) -> Result<(), DatasetError> {
+    let written = made.and_then(|mut file| {
         file.write_all(bytes)?;
         file.sync_all()
     });
     let result = match written {
         Ok(()) => fs::rename(&beside, path).map_err(|source| io_error(path, "put the new file in place", source)),
-        Err(source) => Err(io_error(&beside, "write the file", source)),
+        Err(source) => Err(io_error(beside, "write the file", source)),
     };
     if result.is_err() {
         // What matters is the first failure; that the left-over cannot be removed either adds nothing.
-        let _ = fs::remove_file(&beside);
+        let _ = fs::remove_file(beside);
     }
     result?;
     sync_folder(path)

@@ -10,7 +10,7 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use analysis::dataset::write_atomically;
+use analysis::dataset::write_private;
 use instruments::clock;
 use serde::{Deserialize, Serialize};
 
@@ -19,6 +19,8 @@ use crate::journal::checksum;
 const FILE: &str = "audit.jsonl";
 /// How far the trail went when it was written last.
 const HEAD: &str = "audit.head.json";
+/// Its group may read it, nobody else.
+const MODE: u32 = 0o640;
 /// Who writes down that the trail was altered.
 const SERVER: &str = "server";
 /// Of so many altered lines the numbers are told.
@@ -82,8 +84,8 @@ impl Audit {
     /// The system's; a trail that was altered is told, in the log and in the trail itself, and gone on with.
     pub fn open(data: &Path) -> std::io::Result<Self> {
         let path = data.join(FILE);
-        let mut file = OpenOptions::new().create(true).read(true).append(true).mode(0o640).open(&path)?;
-        private(&path, 0o640)?;
+        let mut file = OpenOptions::new().create(true).read(true).append(true).mode(MODE).open(&path)?;
+        private(&path, MODE)?;
         let (head, wrong) = check(&path)?;
         end_torn_line(&mut file)?;
         let audit = Self { path, open: Mutex::new((file, head)) };
@@ -109,9 +111,7 @@ impl Audit {
         open.0.sync_data()?;
         (open.1.lines, open.1.chain) = (open.1.lines + 1, deed.chain);
         let head = serde_json::to_string(&open.1)?;
-        let path = self.path.with_file_name(HEAD);
-        write_atomically(&path, head.as_bytes()).map_err(std::io::Error::other)?;
-        private(&path, 0o640)
+        write_private(&self.path.with_file_name(HEAD), head.as_bytes(), MODE).map_err(std::io::Error::other)
     }
 
     /// The latest deeds, the latest last.
@@ -144,7 +144,11 @@ fn read(line: &[u8]) -> Option<Deed> {
 /// How far the trail went by the file beside it; none where there is no such file. A failure says what is wrong with the file.
 fn named(path: &Path) -> Result<Option<Head>, String> {
     let wrong = |what: &str| format!("{HEAD} beside the audit trail cannot be {what}: whether the end of the trail is there is not known");
-    match std::fs::read(path.with_file_name(HEAD)) {
+    let head = path.with_file_name(HEAD);
+    if std::fs::metadata(&head).is_ok_and(|meta| meta.is_file() && meta.permissions().mode() & 0o002 != 0) {
+        return Err(wrong("trusted (everybody may write it)"));
+    }
+    match std::fs::read(head) {
         Ok(bytes) => serde_json::from_slice(&bytes).map(Some).map_err(|error| wrong(&format!("understood ({error})"))),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
         Err(error) => Err(wrong(&format!("read ({error})"))),
@@ -283,6 +287,18 @@ mod tests {
         let told: Vec<&str> = deeds.iter().map(|deed| deed.outcome.as_str()).collect();
         assert_eq!(told, ["200", "line 2 of the audit trail is not as it was written"]);
         assert_eq!(check(&path).unwrap().1, [""; 0]);
+    }
+
+    #[test]
+    fn a_head_that_everybody_may_write_is_told_and_written_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let head = folder.path().join(HEAD);
+        Audit::open(folder.path()).unwrap().write(("ann", "127.0.0.1"), "first", "200").unwrap();
+        std::fs::set_permissions(&head, std::fs::Permissions::from_mode(0o666)).unwrap();
+        let told = Audit::open(folder.path()).unwrap().latest(1).unwrap().remove(0).outcome;
+        assert!(told.starts_with("audit.head.json beside the audit trail cannot be trusted (everybody may write it)"), "{told}");
+        assert_eq!(std::fs::metadata(&head).unwrap().permissions().mode() & 0o777 & !MODE, 0);
+        assert_eq!(Audit::open(folder.path()).unwrap().latest(9).unwrap().len(), 2);
     }
 
     #[test]

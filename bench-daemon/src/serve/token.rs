@@ -3,12 +3,12 @@
 
 use std::{
     fs,
-    os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt},
+    os::unix::fs::{MetadataExt, OpenOptionsExt},
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
 };
 
-use analysis::dataset::write_atomically;
+use analysis::dataset::write_private;
 use instruments::clock;
 use serde::{Deserialize, Serialize};
 use subtle::ConstantTimeEq;
@@ -18,6 +18,8 @@ use crate::hash;
 
 const FILE: &str = "tokens.json";
 const PREFIX: &str = "eb_";
+/// Nobody else may read or write them.
+const MODE: u32 = 0o600;
 
 /// What a token opens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum, utoipa::ToSchema)]
@@ -175,22 +177,21 @@ impl Tokens {
     /// Whoever changes the tokens is alone meanwhile: two at once would each write what the other has not seen.
     fn alone(&self) -> Result<fs::File, TokenError> {
         let path = self.path.with_extension("lock");
-        let file = fs::File::options().create(true).append(true).mode(0o600).open(&path);
+        let file = fs::File::options().create(true).append(true).mode(MODE).open(&path);
         let file = file.map_err(|error| self.error("cannot be locked", &error))?;
         file.lock().map_err(|error| self.error("cannot be locked", &error))?;
         Ok(file)
     }
 
     fn read(&self) -> Result<Vec<Token>, TokenError> {
-        private(&self.path, 0o600).map_err(|error| self.error("are not to be trusted", &error))?;
+        private(&self.path, MODE).map_err(|error| self.error("are not to be trusted", &error))?;
         let text = fs::read_to_string(&self.path).map_err(|error| self.error("cannot be read", &error))?;
         serde_json::from_str(&text).map_err(|error| self.error("cannot be understood", &error))
     }
 
     fn write(&self, tokens: &[Token]) -> Result<(), TokenError> {
         let text = serde_json::to_string_pretty(tokens).map_err(|error| self.error("cannot be put into JSON", &error))?;
-        write_atomically(&self.path, format!("{text}\n").as_bytes()).map_err(|error| self.error("cannot be written", &error))?;
-        fs::set_permissions(&self.path, fs::Permissions::from_mode(0o600)).map_err(|error| self.error("cannot be protected", &error))
+        write_private(&self.path, format!("{text}\n").as_bytes(), MODE).map_err(|error| self.error("cannot be written", &error))
     }
 
     fn error(&self, what: &'static str, reason: &dyn std::fmt::Display) -> TokenError {
@@ -200,6 +201,8 @@ impl Tokens {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
     use super::*;
 
     #[test]
