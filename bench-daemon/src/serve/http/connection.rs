@@ -28,6 +28,7 @@ use hyper_util::{
     service::TowerToHyperService,
 };
 use instruments::clock::Clock;
+use nix::sys::resource::{Resource, getrlimit};
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, pem::PemObject};
 use tokio::{
     io::{AsyncRead, AsyncWrite, ReadBuf},
@@ -50,9 +51,16 @@ const HEAD_BYTES: usize = 16 * 1024;
 const PEER_SHARE: usize = 2;
 /// Of those who were heard one peer, which may be a whole laboratory behind a proxy, has all places but this part.
 const OTHERS_SHARE: usize = 4;
-/// Nobody is let go of before this time, s, unless so many times as many as there are places have come in it: then it is a flood.
+/// Nobody is let go of before this time, s, unless so many times as many as there are places have come in it, or as many as the system has files for: then it is
+/// a flood.
 const GRACE_S: f64 = 1.0;
 const FLOOD: usize = 16;
+/// Open files that no connection may take: a stop above all needs some, for it starts `eis-bench safe` and reads what that says.
+const RESERVED: usize = 128;
+/// So many are let go of where there are no files for one connection more, and the pause before it is looked again, s: whoever comes waits behind those who came
+/// before.
+const AT_ONCE: usize = 8;
+const FULL_S: f64 = 0.001;
 /// Pause after a socket that could not be accepted, s: out of files, most likely.
 const BREATH_S: f64 = 0.1;
 
@@ -85,9 +93,14 @@ impl Listener {
     pub async fn accept(&self, server: &Arc<Server>) {
         let app = App::of(server);
         let router = router(&app);
-        let mut places = Places { silent: VecDeque::new(), heard: Heard::of(server.settings.limits.connections) };
+        let bounds = Bounds::of_system(server.settings.limits.connections);
+        let mut places = Places { silent: VecDeque::new(), heard: Heard::of(bounds.heard) };
         let server_clock = server.clock.clone();
         loop {
+            while server.counts.connections.load(Ordering::Relaxed) >= bounds.all as u64 {
+                (0..AT_ONCE).for_each(|_| places.let_one_go());
+                server.clock.sleep_s(FULL_S).await;
+            }
             let Ok((socket, peer)) = self.socket.accept().await else {
                 places.let_one_go();
                 server.clock.sleep_s(BREATH_S).await;
@@ -96,14 +109,50 @@ impl Listener {
             let asked = Arc::new(AtomicBool::new(false));
             let place = Place { asked: asked.clone(), heard: places.heard.clone(), peer: peer.ip(), held: None };
             let (server, router, tls) = (server.clone(), router.clone(), self.tls.clone());
-            let most = server.settings.limits.connections;
+            // Counted from here on, not from its task's first turn on: that may come late.
+            let counted = Counted::new(&server);
             let task = tokio::spawn(async move {
-                let _counted = Counted::new(&server);
+                let _counted = counted;
                 serve(&server, (router, place), (socket, peer), tls).await;
             });
             let (peer, since_s) = (peer.ip(), server_clock.now_s());
-            places.enter(Waiting { asked, peer, since_s, task: task.abort_handle() }, most);
+            places.enter(Waiting { asked, peer, since_s, task: task.abort_handle() }, &bounds);
         }
+    }
+}
+
+/// How many connections there may be.
+#[derive(Debug, PartialEq, Eq)]
+struct Bounds {
+    /// Those who have asked for something.
+    heard: usize,
+    /// Those who are silent, as long as each of them may stay its time.
+    silent: usize,
+    /// Those who are silent, at any time.
+    flood: usize,
+    /// All of them.
+    all: usize,
+}
+
+impl Bounds {
+    fn of_system(connections: usize) -> Self {
+        // Where the system does not tell, it is taken to give what it gives everybody.
+        let files = getrlimit(Resource::RLIMIT_NOFILE).map_or(1024, |(files, _)| usize::try_from(files).unwrap_or(usize::MAX));
+        let bounds = Self::of(connections, files);
+        if bounds.heard < connections {
+            tracing::warn!(
+                "{connections} connections are configured, but {files} open files are granted: there are places for {}",
+                bounds.heard
+            );
+        }
+        bounds
+    }
+
+    fn of(connections: usize, files: usize) -> Self {
+        let all = files - RESERVED.min(files / 2);
+        let heard = connections.min(all / 2);
+        let flood = FLOOD.saturating_mul(connections).min(all - heard);
+        Self { heard, silent: connections.min(flood), flood, all }
     }
 }
 
@@ -137,16 +186,16 @@ impl Places {
         }
     }
 
-    fn enter(&mut self, waiting: Waiting, most: usize) {
+    fn enter(&mut self, waiting: Waiting, bounds: &Bounds) {
         let (peer, now_s) = (waiting.peer, waiting.since_s);
         let silent = &mut self.silent;
         silent.retain(|waiting| !waiting.asked.load(Ordering::Relaxed) && !waiting.task.is_finished());
         silent.push_back(waiting);
         loop {
             let of_peer = silent.iter().filter(|waiting| waiting.peer == peer).count();
-            let longest = if of_peer > most / PEER_SHARE { silent.iter().position(|waiting| waiting.peer == peer) } else { None };
-            let longest = longest.or((silent.len() > most).then_some(0));
-            let old = |at: &usize| silent.get(*at).is_some_and(|waiting| now_s - waiting.since_s > GRACE_S) || silent.len() > FLOOD * most;
+            let longest = if of_peer > bounds.silent / PEER_SHARE { silent.iter().position(|waiting| waiting.peer == peer) } else { None };
+            let longest = longest.or((silent.len() > bounds.silent).then_some(0));
+            let old = |at: &usize| silent.get(*at).is_some_and(|waiting| now_s - waiting.since_s > GRACE_S) || silent.len() > bounds.flood;
             let Some(waiting) = longest.filter(old).and_then(|at| silent.remove(at)) else { return };
             // Not one whose request comes just now.
             if !waiting.asked.swap(true, Ordering::Relaxed) {
@@ -384,7 +433,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Heard, instead_of};
+    use super::{Bounds, Heard, RESERVED, instead_of};
     use std::net::{IpAddr, Ipv4Addr};
 
     #[test]
@@ -397,6 +446,17 @@ mod tests {
         held.clear();
         held.extend((0..8).map(|_| heard.take(one)));
         assert_eq!(held.iter().flatten().count(), 6);
+    }
+
+    #[test]
+    fn connections_leave_files_for_a_stop_whatever_the_system_grants() {
+        assert_eq!(Bounds::of(512, 1_048_576), Bounds { heard: 512, silent: 512, flood: 8192, all: 1_048_448 });
+        assert_eq!(Bounds::of(512, 1024), Bounds { heard: 448, silent: 448, flood: 448, all: 896 });
+        for files in [8, 64, 256, 300, 1024, 4096, 1_048_576] {
+            let bounds = Bounds::of(512, files);
+            assert!(bounds.heard >= 1 && bounds.flood >= 1 && bounds.heard + bounds.flood <= bounds.all, "{files}: {bounds:?}");
+            assert!(bounds.all + RESERVED.min(files / 2) <= files, "{files}: {bounds:?}");
+        }
     }
 
     #[test]
