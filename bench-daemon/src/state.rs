@@ -19,7 +19,7 @@ use std::{
 use instruments::clock;
 use serde::Serialize;
 
-pub use files::{Holder, OpenRun};
+pub use files::{Holder, OpenRun, Settled};
 use files::{Latch, json, make, named_holder, open, read, remove};
 pub use latched::Latched;
 pub use place::VARIABLE;
@@ -32,6 +32,7 @@ const LOCK: &str = "lock";
 const GUARDIAN_LOCK: &str = "guardian.lock";
 const TRIP: &str = "trip.json";
 const OPEN: &str = "open.json";
+const SETTLED: &str = "settled.json";
 const HISTORY: &str = "trips.jsonl";
 
 /// What is wrong with the state of a bench.
@@ -297,13 +298,26 @@ impl State {
         self.places.iter().try_for_each(|place| remove(place, OPEN))
     }
 
-    /// The same of a run that was found, wherever it says so.
+    /// The same of a run that was found, wherever it says so. Which run that was stays written down: its own guardian's report does not say it.
     ///
     /// # Errors
     /// As [`Self::settled`].
     pub fn settle(&self, open: &OpenRun) -> Result<(), StateError> {
         self.settled()?;
-        open.places.iter().try_for_each(|place| remove(place, OPEN))
+        open.places.iter().try_for_each(|place| remove(place, OPEN))?;
+        let settled = Settled { run: open.holder.run.clone(), unix_s: clock::unix_time_s() };
+        for place in self.places.iter().chain(&open.places) {
+            // It is settled without this, too.
+            if let Err(error) = json(&place.join(SETTLED), &settled) {
+                tracing::warn!("{error}");
+            }
+        }
+        Ok(())
+    }
+
+    /// The last run that was settled after it and its guardian had died, if it can be read.
+    pub fn last_settled(&self) -> Option<Settled> {
+        read(&self.path(SETTLED)).ok().flatten()?.ok()
     }
 
     /// The run after which nobody has verified safe state. What cannot be understood is one too.

@@ -60,6 +60,9 @@ pub(crate) fn pasted(path: &Path) -> String {
     quoted(&short.filter(|short| !short.as_os_str().is_empty()).unwrap_or(whole))
 }
 
+/// How [`Failure::Refused`] begins.
+pub const GATE_REFUSED: &str = "the quality gate refused";
+
 /// Why a command ended without its result.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
@@ -137,7 +140,7 @@ pub enum Failure {
     Analysis(String),
     /// A run that went to its end, and whose quality gate has refused points to the end.
     #[error(
-        "the quality gate refused {count} points: they are flagged in the spectra, left out of the models unless that was asked for, and of the correction"
+        "{GATE_REFUSED} {count} points: they are flagged in the spectra, left out of the models unless that was asked for, and of the correction"
     )]
     Refused {
         /// How many.

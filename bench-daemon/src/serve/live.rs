@@ -3,7 +3,11 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::{bench::Output, interlock::Limits, state::Latched};
+use crate::{
+    bench::{Output, SafeReport},
+    interlock::Limits,
+    state::Latched,
+};
 
 /// A bench as it is now.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
@@ -29,6 +33,8 @@ pub struct Live {
     pub trip: Option<TripNow>,
     /// What the last stop has shown.
     pub stop: Option<StopReport>,
+    /// Nothing runs, and no run has left an output of which nobody has verified that it is off.
+    pub verified: bool,
 }
 
 /// What a bench does.
@@ -164,6 +170,8 @@ pub struct InstrumentNow {
     pub output: Option<bool>,
     /// Bench time of that word, s.
     pub output_s: Option<f64>,
+    /// Who has read it back as off after the run, where that was not the run itself: `guardian`, `stop`, or `safe`, which may also have been the next run.
+    pub output_by: Option<&'static str>,
     /// Bench time of its last answer, s.
     pub answered_s: Option<f64>,
     /// What is wrong with it, as far as is known.
@@ -214,26 +222,38 @@ pub struct StopReport {
     pub simulated: bool,
     /// What was done, in words, in order.
     pub steps: Vec<String>,
+    /// What the bench was left in, in one sentence, once it was read back.
+    pub message: String,
     /// What was read back, a line for each instrument.
     pub outputs: Vec<OutputRead>,
 }
 
 impl StopReport {
+    /// Takes over what `eis-bench safe` has found.
+    pub fn found(&mut self, safe: &SafeReport) {
+        self.message.clone_from(&safe.message);
+        self.outputs = safe.outputs.iter().map(OutputRead::from).collect();
+    }
+
+    /// It is over, and has left nothing of which it is not known that it is off.
+    pub fn proven(&self) -> bool {
+        self.over && (self.verified || self.simulated)
+    }
+
     /// Why nothing is begun behind it.
     pub fn held(&self) -> String {
         format!("stopped by {}", self.by)
     }
 }
 
-/// What was read back of an instrument.
+/// What was read back of an instrument: as `eis-bench safe --json` and the guardian's report have it, with what follows from it.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct OutputRead {
-    /// Its role.
-    pub role: String,
-    /// It is off, by its own word.
-    pub off: bool,
-    /// Current that it measures, A; none without a meter or an answer.
-    pub amps: Option<f64>,
+    /// What was found.
+    #[serde(flatten)]
+    pub output: Output,
+    /// It is off by its own word, and no current flows by its meter, where it has one.
+    pub verified: bool,
     /// The line in full.
     pub text: String,
 }
@@ -241,7 +261,7 @@ pub struct OutputRead {
 impl From<&Output> for OutputRead {
     fn from(output: &Output) -> Self {
         let text = output.line().split_whitespace().collect::<Vec<_>>().join(" ");
-        Self { role: output.role.clone(), off: output.verified(), amps: output.amps, text }
+        Self { output: output.clone(), verified: output.verified(), text }
     }
 }
 
@@ -263,4 +283,30 @@ pub fn limits(limits: &Limits, cell: bool, reading: &ReadingNow) -> Vec<Limit> {
         row("current", "A", reading.current_a, -limits.discharge_a, limits.charge_a),
         row("cell temperature", "°C", reading.temperature_c, limits.min_c, limits.max_c),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_report_of_a_stop_is_that_of_safe_and_more() {
+        let load = Output {
+            role: "load".to_owned(),
+            model: "rigol-dl3000".to_owned(),
+            volts: Some(3.6),
+            amps: Some(3.0),
+            by: Some("a set-point of 0".to_owned()),
+            bound: Some("it stops below 2.5 V".to_owned()),
+            trouble: Some("no answer".to_owned()),
+            ..Output::default()
+        };
+        let message = "3.00 A still flow through the load".to_owned();
+        let safe = SafeReport { bench: "demo".to_owned(), verified: false, message, outputs: vec![load] };
+        let mut stop = StopReport { bench: "demo".to_owned(), by: "ann".to_owned(), ..StopReport::default() };
+        stop.found(&safe);
+        let json = serde_json::to_value(&stop).unwrap();
+        assert_eq!(json["outputs"][0]["verified"], false);
+        assert_eq!(serde_json::from_value::<SafeReport>(json).unwrap(), safe);
+    }
 }

@@ -5,7 +5,7 @@
 //! wishes in its folder, SIGTERM, `eis-bench safe`.
 //!
 //! In reading order: [`settings`], [`token`], [`audit`], [`hub`] (events), [`queue`], [`submission`], [`watch`] (a run folder, read as it grows),
-//! [`live`], [`supervisor`] (the one thread that begins and watches), [`stop`], [`http`].
+//! [`live`], [`proof`], [`supervisor`] (the one thread that begins and watches), [`stop`], [`http`].
 
 pub mod audit;
 pub mod follow;
@@ -15,6 +15,7 @@ pub mod hub;
 pub mod jobs;
 pub mod live;
 pub mod locks;
+pub mod proof;
 pub mod queue;
 pub mod settings;
 pub mod spectra;
@@ -45,7 +46,7 @@ use hub::Hub;
 use live::{Live, StopReport};
 use queue::Queue;
 use settings::Settings;
-use token::Tokens;
+use token::{TokenError, Tokens};
 
 /// What all requests share.
 pub struct Server {
@@ -121,6 +122,14 @@ impl Server {
             tokens,
             settings,
         })
+    }
+
+    /// Whether everybody on this machine may do everything: it listens nowhere else, and there is no token at all.
+    ///
+    /// # Errors
+    /// Tokens that cannot be read.
+    pub fn open_to_all(&self) -> Result<bool, TokenError> {
+        Ok(self.settings.listen.ip().is_loopback() && self.tokens.all()?.is_empty())
     }
 
     /// The queue.

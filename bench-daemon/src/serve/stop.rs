@@ -9,11 +9,7 @@ use nix::{
     unistd::Pid,
 };
 
-use super::{
-    Server,
-    live::{OutputRead, StopReport},
-    locks,
-};
+use super::{Server, live::StopReport, locks};
 use crate::{
     bench::SafeReport,
     config,
@@ -71,6 +67,7 @@ pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: &str) -> Stop
 async fn again(server: &Arc<Server>, bench: &config::Bench, report: &mut StopReport) -> bool {
     report.verified = false;
     report.outputs.clear();
+    report.message.clear();
     tell(server, report, "a run was being begun when the stop came: once more".to_owned());
     let gone = end_run(server, bench, report).await;
     switch_off(server, bench, gone, report).await;
@@ -168,7 +165,9 @@ async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: 
     // The last report counts: where the run ended late there are two.
     let told = said.lines().rev().find_map(|line| serde_json::from_str::<SafeReport>(line).ok());
     let words = told.as_ref().filter(|told| !told.verified).map(|told| format!("LOOK AT THE BENCH: {}", told.message));
-    report.outputs = told.as_ref().map_or_else(Vec::new, |told| told.outputs.iter().map(OutputRead::from).collect());
+    if let Some(told) = &told {
+        report.found(told);
+    }
     report.verified = output.status.success() && told.is_some_and(|told| told.verified && !told.outputs.is_empty());
     let last = String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or_default().to_owned();
     tell(server, report, if report.verified { "every output is off and was read back".to_owned() } else { words.unwrap_or(last) });

@@ -24,15 +24,16 @@ use super::{
     Server,
     audit::private,
     jobs::{self, Ended, Job},
-    live::{self, BenchState, InstrumentNow, Live},
+    live::{self, BenchState, InstrumentNow, Live, StopReport},
     locks,
+    proof::Proof,
     queue::{Item, Kind, Process},
     spectra::{self, Spectrum, Stamps},
     submission,
     watch::Watch,
 };
 use crate::{
-    command::Failure,
+    command::{Failure, GATE_REFUSED},
     config,
     journal::JOURNAL,
     state::{Holder, State},
@@ -151,8 +152,8 @@ impl Post {
         self.child = None;
         let mut watch = Watch::new(&server.runs().join(&item.run));
         watch.look();
-        let how = watch.ended().map(str::to_owned).or_else(|| last_word(&log_of(server, &item.run)));
-        let how = how.unwrap_or_else(|| "its process was killed or died".to_owned());
+        let word = last_word(&log_of(server, &item.run));
+        let how = how_it_ended(watch.ended(), word);
         let finished = watch.ended() == Some("finished") && code.is_none_or(|code| code == 0 || code == GATED);
         self.over(server, &item, &Ended { code, finished, how, unix_s: clock::unix_time_s() });
     }
@@ -291,16 +292,43 @@ impl Post {
         !self.bench.in_process() && self.state.as_ref().is_none_or(|state| !matches!(state.open_run(), Ok(None)))
     }
 
+    /// The last run's process has left without a word.
+    fn died(&self) -> bool {
+        self.watch.as_ref().is_some_and(|(_, watch)| watch.ended().is_none() && watch.reading(false).is_some())
+    }
+
+    /// Who has read every output back as off since the last run, if anybody has; nobody where a run is in work.
+    fn proof(&self, going: bool, stop: Option<&StopReport>) -> Option<Proof> {
+        if going {
+            return None;
+        }
+        if self.bench.in_process() {
+            return Some(Proof::nothing_left());
+        }
+        let after = || Proof::after(self.state.as_ref()?, self.watch.as_ref()?.1.folder());
+        stop.and_then(Proof::of_stop).or_else(after)
+    }
+
+    /// Whether nobody has taken the bench since a stop, from a terminal perhaps: what that has shown is then no longer so.
+    fn stands(&self, stop: &StopReport) -> bool {
+        let taken = self.state.as_ref().and_then(|state| std::fs::metadata(state.path("lock")).ok()?.modified().ok());
+        let taken_s = taken.and_then(|taken| taken.duration_since(std::time::UNIX_EPOCH).ok()).map_or(0.0, |since| since.as_secs_f64());
+        taken_s <= stop.unix_s
+    }
+
     fn live(&self, server: &Server, going: bool) -> Live {
         let trip = self.state.as_ref().and_then(|state| state.latched().ok().flatten());
         let stop = server.stops().get(&self.bench.name).cloned();
+        let last = stop.as_ref().filter(|stop| self.stands(stop));
+        let proof = self.proof(going, last);
+        let unproven = !going && (self.left_open() || (self.died() && proof.is_none()));
         let paused = self.watch.as_ref().is_some_and(|(_, watch)| watch.paused());
         let state = match (stop.as_ref().is_some_and(|stop| !stop.over), going) {
             (true, _) => BenchState::Stopping,
             (false, true) if paused => BenchState::Paused,
             (false, true) => BenchState::Running,
             (false, false) if trip.is_some() => BenchState::Latched,
-            (false, false) if self.left_open() => BenchState::Unknown,
+            (false, false) if unproven => BenchState::Unknown,
             (false, false) => BenchState::Idle,
         };
         let reading = self.watch.as_ref().and_then(|(_, watch)| watch.reading(going));
@@ -317,17 +345,16 @@ impl Post {
             soc: self.watch.as_ref().and_then(|(_, watch)| watch.soc()),
             reading,
             limits,
-            instruments: self
-                .instruments(server, (going, stop.as_ref().is_some_and(|stop| stop.over && (stop.verified || stop.simulated)))),
+            instruments: self.instruments(server, proof.as_ref(), !going && self.died()),
             trip: trip.map(Into::into),
+            verified: !going && !unproven && last.is_none_or(StopReport::proven),
             stop,
         }
     }
 
-    fn instruments(&self, server: &Server, (going, stopped): (bool, bool)) -> Vec<InstrumentNow> {
+    fn instruments(&self, server: &Server, proof: Option<&Proof>, died: bool) -> Vec<InstrumentNow> {
         let asked = server.identities().get(&self.bench.name).cloned().unwrap_or_default();
         let watch = self.watch.as_ref().map(|(_, watch)| watch);
-        let died = !going && watch.is_some_and(|watch| watch.ended().is_none() && watch.reading(going).is_some());
         let one = |(role, instrument): (&'static str, &config::Instrument)| {
             let identity = asked.iter().chain(&self.manifest).find(|identity| identity.role == role);
             let heard = watch.and_then(|watch| watch.heard.get(role));
@@ -336,20 +363,34 @@ impl Post {
                 heard.and_then(|heard| heard.remark.as_ref()).filter(|remark| answered_s.is_none_or(|answered| remark.1 > answered));
             let trouble = remark.filter(|(text, _)| text.contains("dropped") || text.contains("cannot")).map(|(text, _)| text.clone());
             let output = heard.and_then(|heard| heard.output);
-            let unknown = died && output.is_some() && !stopped;
+            let proven = proof.filter(|proof| proof.covers(role));
+            let unknown = died && proof.is_none() && output.is_some();
+            // Where nothing is left that could be read back, an instrument without an output has not got one.
+            let told_off = proven.is_some_and(|proof| proof.by.is_some() || output.is_some());
             InstrumentNow {
                 role: role.to_owned(),
                 model: instrument.model.clone(),
                 address: instrument.address.to_string(),
                 identity: identity.map(|identity| identity.identity.raw.clone()),
                 recognised: identity.map(|identity| identity.recognised),
-                output: output.filter(|_| !unknown).map(|(on, _)| on && (!stopped || going)),
-                output_s: output.map(|(_, time_s)| time_s),
+                output: if told_off { Some(false) } else { output.filter(|_| !unknown).map(|(on, _)| on) },
+                output_s: output.filter(|_| proven.is_none()).map(|(_, time_s)| time_s),
+                output_by: proven.and_then(|proof| proof.by),
                 answered_s,
-                trouble: if unknown { Some("the run's process died: the guardian switches off".to_owned()) } else { trouble },
+                trouble: if unknown { Some(self.after_death().to_owned()) } else { trouble.filter(|_| proven.is_none()) },
             }
         };
         self.bench.instruments.addressed().into_iter().map(one).collect()
+    }
+
+    /// What is known of an output whose run has died, as long as nobody has verified it.
+    fn after_death(&self) -> &'static str {
+        let guarded = self.state.as_ref().is_some_and(|state| locks::holder(&state.path("guardian.lock")).is_some());
+        if guarded {
+            "the run's process died: the guardian switches off"
+        } else {
+            "the run's process died, and nobody has verified that this is off"
+        }
     }
 }
 
@@ -408,6 +449,15 @@ fn log_of(server: &Server, run: &str) -> String {
 /// What the last process of a run said last of why it ended; what those before it said is not its own.
 fn last_word(log: &str) -> Option<String> {
     log.lines().rev().take_while(|line| *line != RESUMED).find_map(|line| line.strip_prefix("eis-bench: ")).map(str::to_owned)
+}
+
+/// How a run ended, by its journal and by the last word of its process. One that is finished may have points that the quality gate has refused.
+fn how_it_ended(ended: Option<&str>, word: Option<String>) -> String {
+    let (ended, word) = match ended {
+        Some("finished") => (ended, word.filter(|word| word.starts_with(GATE_REFUSED))),
+        _ => (None, ended.map(str::to_owned).or(word)),
+    };
+    word.or_else(|| ended.map(str::to_owned)).unwrap_or_else(|| "its process was killed or died".to_owned())
 }
 
 /// What the instruments of a run said of themselves.

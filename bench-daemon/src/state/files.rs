@@ -45,6 +45,15 @@ pub struct OpenRun {
     pub(super) places: Vec<PathBuf>,
 }
 
+/// A run that died together with its guardian, and after which every output was read back as off by somebody else.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Settled {
+    /// Its folder.
+    pub run: PathBuf,
+    /// When, s since 1970.
+    pub unix_s: f64,
+}
+
 /// A latch as it is on disk.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Latch {

@@ -117,7 +117,7 @@ fn the_guardian_stops_a_bath_only_where_it_is_no_longer_set_as_the_run_has_set_i
         signal(guardian, Signal::SIGCONT);
         let report = report(&files, "verified");
         let stopped = "the bath was stopped, for its set-point is 70 °C, this run set 25 °C";
-        assert_eq!(report["bath"], if other.is_empty() { serde_json::Value::Null } else { stopped.into() }, "{report}");
+        assert_eq!(report["bath_ended"], if other.is_empty() { serde_json::Value::Null } else { stopped.into() }, "{report}");
         let safe = on_bench(&files, &["safe"]);
         let words = if other.is_empty() { "goes on and holds 25 °C" } else { "stands still; its set-point is 70 °C" };
         assert!(safe.stdout.contains(words), "{}", safe.stdout);

@@ -60,3 +60,18 @@ fn only_the_last_process_of_a_run_tells_why_it_ended() {
         assert_eq!(last_word(&log).as_deref(), word, "{log}");
     }
 }
+
+#[test]
+fn a_finished_run_tells_of_the_points_that_its_gate_refused() {
+    let refused = Failure::Refused { count: 3 }.to_string();
+    for (ended, word, how) in [
+        (Some("finished"), Some(refused.as_str()), refused.as_str()),
+        (Some("finished"), Some("the report cannot be drawn"), "finished"),
+        (Some("finished"), None, "finished"),
+        (Some("stopped on request"), Some("the sweep fails"), "stopped on request"),
+        (None, Some("the sweep fails"), "the sweep fails"),
+        (None, None, "its process was killed or died"),
+    ] {
+        assert_eq!(how_it_ended(ended, word.map(str::to_owned)), how, "{ended:?} {word:?}");
+    }
+}
