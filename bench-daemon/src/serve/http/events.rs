@@ -109,8 +109,11 @@ impl Listener {
         text
     }
 
-    /// A token that was revoked ends the stream.
+    /// A token that was revoked ends the stream, and so does the first token that is made, of a stream that was opened without one.
     fn welcome(&self) -> bool {
-        self.secret.as_ref().is_none_or(|secret| matches!(self.server.tokens.whose(secret), Ok(Some(_))))
+        match &self.secret {
+            Some(secret) => matches!(self.server.tokens.whose(secret), Ok(Some(_))),
+            None => self.server.open_to_all().unwrap_or(false),
+        }
     }
 }
