@@ -2,10 +2,10 @@
 "use strict";
 
 import { Refused, file, get, listen, post, remove, server, stopNow, useToken } from "./server.js";
-import { $, drawInstruments, drawNow, drawOthers, drawRun, drawStop, drawTrip, duration, el, fill, person, text, when } from "./bench.js";
+import { $, drawInstruments, drawMissed, drawNow, drawOthers, drawRun, drawStop, drawTrip, duration, el, fill, outcome, person, text, when } from "./bench.js";
 import { MARKS, bode, make, mark, nyquist } from "./plots.js";
 
-const known = { benches: new Map(), bench: "", scopes: [], queue: { items: [], held: {} }, runs: [], spectra: new Map(), chosen: [], failing: 0 };
+const known = { benches: new Map(), bench: "", scopes: [], queue: { items: [], held: {} }, runs: [], spectra: new Map(), chosen: [], missed: [] };
 
 const may = (scope) => known.scopes.includes(scope);
 const live = () => known.benches.get(known.bench);
@@ -48,7 +48,8 @@ async function stop(all) {
     try {
       const reports = one ? [await stopNow(`/benches/${one}/stop`)] : await stopNow("/stop");
       reports.forEach(stopped);
-      say(others(reports));
+      say("");
+      miss(reports);
       break;
     } catch (error) {
       const waited = Math.round((Date.now() - began) / 1000);
@@ -56,9 +57,12 @@ async function stop(all) {
         say(`The stop was refused: log in first (${error.message}). Without a token: the emergency switch, or on the machine: eis-bench safe`, true);
         break;
       }
+      if (error instanceof Refused && error.status < 500 && error.status !== 429) {
+        say(`The stop was refused: ${error.message}. NOTHING WAS STOPPED, and it is not sent again. Use the emergency switch, or on the machine: eis-bench safe`, true);
+        break;
+      }
       const why = error.name === "TimeoutError" ? "no answer yet" : error.message;
       say(`No word after ${waited} s that the bench is off (${why}). The stop is sent again. Use the emergency switch, or on the machine: eis-bench safe`, true);
-      if (error instanceof Refused && error.status < 500 && error.status !== 429) break;
       if (error.name !== "TimeoutError") await new Promise((done) => setTimeout(done, 500));
     }
   }
@@ -66,11 +70,19 @@ async function stop(all) {
   text(button, label);
 }
 
-// Benches that run on after a stop of another one.
-function others(reports) {
+// On such a bench a current may flow.
+const loud = (bench) => bench.state === "running" || bench.state === "unknown" || (bench.state === "latched" && !bench.verified);
+
+// Benches that are as they were after a stop of another one.
+function miss(reports) {
   const off = new Set(reports.map((report) => report.bench));
-  const on = [...known.benches.values()].filter((bench) => !off.has(bench.bench) && (bench.state === "running" || bench.state === "unknown"));
-  return on.length ? `NOT stopped: ${on.map((bench) => `${bench.bench} (${bench.state})`).join(", ")}. STOP ALL stops every bench.` : "";
+  known.missed = [...known.benches.values()].filter((bench) => !off.has(bench.bench) && loud(bench)).map((bench) => bench.bench);
+  drawMiss();
+}
+
+function drawMiss() {
+  known.missed = known.missed.filter((name) => known.benches.has(name) && loud(known.benches.get(name)));
+  drawMissed(known.missed.map((name) => known.benches.get(name)), () => { known.missed = []; drawMiss(); });
 }
 
 function stopped(report) {
@@ -157,7 +169,7 @@ function drawQueue() {
 function drawHistory() {
   const row = (job) => {
     const run = job.item.run;
-    const how = !job.ended ? "▶ in work" : job.ended.finished ? "✓ finished" : `✕ ${job.ended.how}`;
+    const how = !job.ended ? "▶ in work" : outcome(job.ended);
     const box = el("input", { type: "checkbox", "aria-label": `Compare ${run}`, checked: known.chosen.includes(run), onchange: (event) => compare(run, event.target.checked) });
     const acts = [];
     if (job.ended && job.ended.finished) acts.push(el("button", { type: "button", onclick: () => keep(run, "report.html") }, "Report"));
@@ -204,10 +216,11 @@ function draw() {
   if (!now) return;
   document.title = `${now.state === "latched" ? "▲ " : now.state === "running" ? "▶ " : ""}${now.bench} – eis-bench`;
   drawNow(now);
-  drawRun(now, $("runbody"));
+  drawRun(now, known.runs.find((job) => now.run && job.item.run === now.run.run), $("runbody"));
   drawActs();
   drawInstruments(now);
   drawOthers([...known.benches.values()].filter((one) => one.bench !== known.bench), choose);
+  drawMiss();
   drawTrip(now, (one) => attempt(() => post(`/benches/${one.bench}/trips/clear`, { cause: one.trip.cause }), () => `${one.bench} is cleared.`));
   // What a stop has shown is no longer so once something runs again, or has tripped since.
   const over = now.state === "running" || now.state === "paused" || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
@@ -259,6 +272,7 @@ function heard(kind, data) {
   if (kind === "run") {
     known.runs = [data, ...known.runs.filter((job) => job.item.run !== data.item.run)];
     drawHistory();
+    draw();
   }
   if (kind === "spectrum" && data.run) {
     if (!known.spectra.has(data.run)) known.spectra.set(data.run, new Map());

@@ -57,10 +57,23 @@ const STATES = {
   latched: ["▲", "Latched: a person has to look"],
 };
 
+// Through these a current can flow; a bath that runs is no current.
+const DRIVES = ["supply4q", "generator", "load", "supply"];
+// As the interlock has it, A.
+const NO_CURRENT_A = 0.1;
+
+// Where a run is in work, whether a current may flow: by each output's own word and by the meter. What is not known may be a current.
+function running(live) {
+  const drives = live.instruments.filter((one) => DRIVES.includes(one.role));
+  if (!drives.length || drives.some((one) => one.output !== false)) return STATES.running;
+  const amps = live.reading && live.reading.fresh ? live.reading.current_a : null;
+  if (amps === null || amps === undefined) return ["▶", "Running: every output says that it is off, no current was read yet"];
+  if (Math.abs(amps) < NO_CURRENT_A) return ["▶", "Running: every output is off"];
+  return ["▲", `Running: ${fixed(Math.abs(amps), 2)} A flow, though every output says that it is off`];
+}
+
 export function drawNow(live) {
-  const outputs = live.instruments.map((one) => one.output).filter((output) => output !== null);
-  const off = live.state === "running" && outputs.length > 0 && outputs.every((output) => output === false);
-  const [sign, words] = off ? ["▶", "Running: every output is off"] : STATES[live.state] || ["?", live.state];
+  const [sign, words] = live.state === "running" ? running(live) : STATES[live.state] || ["?", live.state];
   $("state").className = `state ${live.state}`;
   text($("state"), `${sign} ${words}`);
   const reading = live.reading;
@@ -103,14 +116,23 @@ function bar(limit) {
   return el("div", { class: "limit" }, el("span", {}, quantity), meter, el("span", { class: level }, words), el("small", {}, unit === "A" ? `${range}; the step in work is judged tighter` : range));
 }
 
-export function drawRun(live, body) {
+// How a run ended that this server began.
+export function outcome(ended) {
+  if (!ended.finished) return `✕ ${ended.how}`;
+  if (ended.how !== "finished") return `✓ finished, but ${ended.how}`;
+  // So older servers wrote it down.
+  return ended.code === 11 ? "✓ finished, but the quality gate refused points" : "✓ finished";
+}
+
+export function drawRun(live, job, body) {
   const run = live.run;
   if (!run) {
     body.replaceChildren(el("p", { class: "quiet" }, "No run yet. Submit an experiment below."));
     return;
   }
   const point = run.point ? `point ${run.point.number} of ${run.point.of}, ${Number(run.point.freq_hz.toPrecision(4))} Hz` : "";
-  const ended = run.going ? null : run.ended === "finished" ? "✓ finished" : `✕ ${run.ended || "its process ended without a word"}`;
+  const known = job && job.ended && run.ended === "finished" ? outcome(job.ended) : "✓ finished";
+  const ended = run.going ? null : run.ended === "finished" ? known : `✕ ${run.ended || "its process ended without a word"}`;
   const percent = Math.round(100 * run.done);
   const progress = el("progress", { max: 100, value: percent, "aria-label": "share of the plan that is done" });
   const rows = [
@@ -124,7 +146,7 @@ export function drawRun(live, body) {
   body.replaceChildren(
     el("div", { class: "progress" }, progress, el("b", {}, `${percent} %`)),
     el("dl", { class: "facts" }, ...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)])),
-    ...(ended ? [el("p", { class: run.ended === "finished" ? "good" : "bad" }, ended)] : []),
+    ...(ended ? [el("p", { class: run.ended !== "finished" ? "bad" : known === "✓ finished" ? "good" : "" }, ended)] : []),
   );
 }
 
@@ -135,7 +157,8 @@ export function drawInstruments(live) {
     const output = one.output === true ? el("b", { class: "on" }, "● ON") : one.output === false ? el("span", { class: "off" }, "○ off") : "–";
     const age = one.answered_s === null ? "–" : going ? `${duration(Math.max(0, now - one.answered_s))} ago` : "last run";
     const who = one.identity ? `${one.model}${one.recognised === false ? " ✕ another model answers" : ""}` : `${one.model} (not asked yet)`;
-    const answer = one.trouble ? `▲ ${one.trouble}` : one.answered_s === null ? "not asked" : going ? `answered ${age}` : "in the last run";
+    const proven = one.output_by ? `read back by ${one.output_by === "guardian" ? "the guardian" : one.output_by === "stop" ? "the stop" : "eis-bench safe"}` : null;
+    const answer = proven ? proven : one.trouble ? `▲ ${one.trouble}` : one.answered_s === null ? "not asked" : going ? `answered ${age}` : "in the last run";
     return el("tr", { class: one.trouble ? "trouble" : "" }, el("th", { scope: "row", title: one.role }, ROLES[one.role] || one.role), el("td", {}, output, el("small", {}, answer)),
       el("td", { title: one.identity || "" }, who, el("small", {}, one.address)));
   }));
@@ -151,6 +174,16 @@ export function drawOthers(others, choose) {
   if (banner.dataset.key === key) return;
   banner.dataset.key = key;
   banner.replaceChildren(...words.map(([bench, text]) => el("p", {}, el("strong", {}, "▲ "), `${text} `, el("button", { type: "button", onclick: () => choose(bench) }, `Show ${bench}`))));
+}
+
+// Benches that a stop of another one has left as they were, as long as current may flow on them: it stays until that is no longer so, or a person has read it.
+export function drawMissed(benches, close) {
+  const banner = $("missed");
+  const words = benches.map((one) => `${one.bench} (${one.state === "latched" ? "latched, its outputs are not verified" : one.state})`).join(", ");
+  banner.hidden = !words;
+  if (banner.dataset.key === words) return;
+  banner.dataset.key = words;
+  banner.replaceChildren(el("strong", {}, `▲ NOT stopped: ${words}. `), "STOP ALL stops every bench. ", el("button", { type: "button", onclick: close }, "Close this message"));
 }
 
 export function drawTrip(live, clear) {
@@ -178,7 +211,7 @@ export function drawStop(report) {
   banner.className = `banner ${!report.over ? "note" : report.verified || report.simulated ? "fine" : "bad"}`;
   banner.replaceChildren(
     el("strong", {}, head), ` By ${person(report.by)}, ${when(report.unix_s)}.`,
-    el("details", { open: report.over && !report.verified && !report.simulated }, el("summary", {}, "What was done and read back"), el("ul", {}, ...report.steps.map((step) => el("li", {}, step)), ...report.outputs.map((output) => el("li", { class: output.off ? "" : "bad" }, `${output.off ? "○" : "▲"} ${output.text}`)))),
+    el("details", { open: report.over && !report.verified && !report.simulated }, el("summary", {}, "What was done and read back"), el("ul", {}, ...report.steps.map((step) => el("li", {}, step)), ...report.outputs.map((output) => el("li", { class: output.verified ? "" : "bad" }, `${output.verified ? "○" : "▲"} ${output.text}`)))),
     ...(report.over ? [el("button", { type: "button", onclick: () => { banner.hidden = true; banner.dataset.gone = String(report.unix_s); } }, "Close this message")] : []),
   );
 }

@@ -42,56 +42,94 @@ export const file = async (path) => (await asked("GET", path)).blob();
 
 // Whoever hears nothing for so long is no longer connected, whatever the system says: the server speaks every 15 s.
 const SILENCE_MS = 40000;
+// A tab that hears nothing for so long of the one that listens takes its place: that one says more often that it is there, connected or not.
+const ABSENCE_MS = SILENCE_MS + 15000;
+const BEAT_MS = 5000;
 
 // Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. All tabs of a browser with the same token share one stream: the
-// tab that holds the lock listens and passes on what it hears; when it is closed, the next one takes over. A tab that hears nothing of it any more, for a browser
-// may freeze a tab that nobody looks at, listens for itself.
+// tab that holds the lock listens and passes on what it hears, and that it tries where it hears nothing; when it is closed, the next one takes over. From a tab
+// that says nothing any more, for a browser may freeze a tab that nobody looks at, the lock is taken. So there is never a second stream, for a browser gives
+// each host few connections, and the stop needs one.
 export async function listen(on, link) {
   if (!navigator.locks || !window.BroadcastChannel) return stream(on, link);
   const name = `events ${await digest(server.token)}`;
-  const channel = new BroadcastChannel(name);
-  let leads = false;
-  let state = "down";
-  let heard = Date.now();
-  const linked = (now) => { state = now; link(now); };
-  const alone = new AbortController();
-  const watch = setInterval(() => {
-    if (leads || Date.now() - heard < SILENCE_MS) return;
-    linked("down");
-    clearInterval(watch);
-    channel.close();
-    alone.abort();
-  }, 5000);
-  channel.onmessage = ({ data }) => {
-    if (leads) {
-      if (data.ask) channel.postMessage({ link: state });
-      return;
-    }
-    heard = Date.now();
-    if (data.link && data.link !== state) linked(data.link);
-    if (data.kind) {
-      if (data.id) server.lastId = data.id;
-      on(data.kind, data.data);
-    }
-  };
+  const tab = { on, link, channel: new BroadcastChannel(name), leads: false, state: "down", heard: Date.now(), over: new AbortController() };
+  tab.channel.onmessage = ({ data }) => hear(tab, data);
   // Who comes later asks for what it has missed.
-  channel.postMessage({ ask: true });
+  tab.channel.postMessage({ ask: true });
   on("hello", {});
-  const lead = async () => {
-    leads = true;
-    clearInterval(watch);
-    const pass = (kind, data) => {
-      channel.postMessage({ kind, data, id: server.lastId });
-      on(kind, data);
-    };
-    await stream(pass, (now) => { linked(now); channel.postMessage({ link: now }); }, () => channel.postMessage({ link: state }));
-    channel.close();
-  };
+  let steal = false;
+  while (!tab.over.signal.aborted) steal = await turn(tab, name, steal);
+  tab.channel.close();
+}
+
+function linked(tab, state) {
+  tab.state = state;
+  tab.link(state);
+  // Without a token that is known nothing is heard any more; whoever logs in anew listens anew.
+  if (state === "refused") tab.over.abort();
+}
+
+// What another tab says.
+function hear(tab, data) {
+  if (tab.leads) {
+    if (data.ask) tab.channel.postMessage({ link: tab.state });
+    return;
+  }
+  if (data.ask) return;
+  tab.heard = Date.now();
+  if (data.link && data.link !== tab.state) linked(tab, data.link);
+  if (data.kind) {
+    if (data.id) server.lastId = data.id;
+    tab.on(data.kind, data.data);
+  }
+}
+
+// Waits for the lock, or takes it, and listens for all as long as it is not taken from this tab; whether it is to be taken in the next turn.
+async function turn(tab, name, steal) {
+  const waits = new AbortController();
+  const robbed = new AbortController();
+  const over = () => waits.abort();
+  tab.over.signal.addEventListener("abort", over);
+  const watch = setInterval(() => {
+    if (tab.leads || Date.now() - tab.heard < ABSENCE_MS) return;
+    linked(tab, "down");
+    waits.abort();
+  }, BEAT_MS);
   try {
-    return await navigator.locks.request(name, { signal: alone.signal }, lead);
+    await navigator.locks.request(name, steal ? { steal } : { signal: waits.signal }, () => lead(tab, robbed.signal));
+    return false;
   } catch (error) {
-    if (!alone.signal.aborted) throw error;
-    return stream(on, link);
+    if (error.name !== "AbortError") throw error;
+    return waits.signal.aborted;
+  } finally {
+    clearInterval(watch);
+    tab.over.signal.removeEventListener("abort", over);
+    robbed.abort();
+    tab.leads = false;
+    tab.heard = Date.now();
+  }
+}
+
+// Listens for all tabs.
+async function lead(tab, robbed) {
+  tab.leads = true;
+  const pass = (kind, data) => {
+    tab.channel.postMessage({ kind, data, id: server.lastId });
+    tab.on(kind, data);
+  };
+  const beat = () => tab.channel.postMessage({ link: tab.state });
+  const link = (state) => {
+    linked(tab, state);
+    beat();
+  };
+  // While it is connected, the server's own words tell that it is: a timer would go on without them.
+  const tries = setInterval(() => { if (tab.state === "down") beat(); }, BEAT_MS);
+  try {
+    beat();
+    await stream(pass, link, beat, robbed);
+  } finally {
+    clearInterval(tries);
   }
 }
 
@@ -100,13 +138,18 @@ async function digest(secret) {
   return Array.from(new Uint8Array(bytes).slice(0, 8), (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-// Ends only when the token is refused; `beat()` comes with whatever the server says, its comments too.
-async function stream(on, link, beat = () => {}) {
-  for (let pause = 500; ; pause = Math.min(pause * 2, 8000)) {
+// Ends when the token is refused, or with the signal `ends`; `beat()` comes with whatever the server says, its comments too. A server that does not answer at all
+// is given up and asked again, like any other request.
+async function stream(on, link, beat = () => {}, ends = new AbortController().signal) {
+  for (let pause = 500; !ends.aborted; pause = Math.min(pause * 2, 8000)) {
+    const request = new AbortController();
+    ends.addEventListener("abort", () => request.abort(), { signal: request.signal });
+    const patience = setTimeout(() => request.abort(), PATIENCE_MS);
     try {
       const more = { Accept: "text/event-stream" };
       if (server.lastId) more["Last-Event-ID"] = server.lastId;
-      const response = await fetch("/api/v1/events", { headers: headers(more) });
+      const response = await fetch("/api/v1/events", { headers: headers(more), signal: request.signal });
+      clearTimeout(patience);
       if (response.status === 401 || response.status === 403) return link("refused");
       if (!response.ok) throw new Error(`status ${response.status}`);
       link("up");
@@ -114,10 +157,15 @@ async function stream(on, link, beat = () => {}) {
       await read(response.body.getReader(), on, beat);
     } catch {
       // Told below, and tried again.
+    } finally {
+      clearTimeout(patience);
+      request.abort();
     }
+    if (ends.aborted) return undefined;
     link("down");
     await new Promise((done) => setTimeout(done, pause));
   }
+  return undefined;
 }
 
 async function read(reader, on, beat) {
