@@ -231,6 +231,62 @@ fn a_stop_reaches_a_run_that_hangs_and_one_of_another_terminal() {
     assert_eq!(std::os::unix::process::ExitStatusExt::signal(&run.0.wait().unwrap()), Some(9));
 }
 
+/// The process of the run in work.
+fn in_work(served: &Served) -> i32 {
+    poll("a process", || i32::try_from(served.get("/queue")["items"][0]["process"]["pid"].as_i64()?).ok())
+}
+
+fn of_role(live: &serde_json::Value, role: &str) -> serde_json::Value {
+    live["instruments"].as_array().unwrap().iter().find(|one| one["role"] == role).unwrap().clone()
+}
+
+#[test]
+fn after_a_killed_run_outputs_are_shown_as_its_guardian_or_somebody_else_has_verified_them() {
+    let files = Files::short(6);
+    let ports = Ports::serve(&files, 10.0, 1);
+    config(&files, "");
+    let served = Served::start(&files);
+    submit(&served, DEMO);
+    assert_eq!(served.points(1)["verified"], false);
+    crate::guardian::signal(in_work(&served), Signal::SIGKILL);
+    let live = poll("a verified bench", || {
+        let live = served.get("/benches/demo");
+        let supply = of_role(&live, "supply4q");
+        // Nothing is called idle before it is known to be off.
+        assert!(live["state"] != "idle" || (live["verified"] == true && supply["output"] == false), "{live}");
+        (live["verified"] == true).then_some(live)
+    });
+    for role in ["supply4q", "generator", "load", "supply"] {
+        let one = of_role(&live, role);
+        assert_eq!(
+            (&one["output"], &one["output_by"], &one["trouble"]),
+            (&false.into(), &"guardian".into(), &serde_json::Value::Null),
+            "{live}"
+        );
+    }
+    ports.assert_outputs_off();
+    let report = crate::guardian::report(&files, "verified");
+    assert_eq!((&report["verified"], report["outputs"].as_array().unwrap().len()), (&true.into(), 4), "{report}");
+    // Of a run that dies together with its guardian nothing is known, until somebody has switched off.
+    served.post("/benches/demo/release", "").expect(200);
+    submit(&served, DEMO);
+    served.points(1);
+    let guardian = i32::try_from(crate::guardian::report(&files, "watching")["pid"].as_i64().unwrap()).unwrap();
+    let run = in_work(&served);
+    crate::guardian::signal(run, Signal::SIGSTOP);
+    crate::guardian::signal(guardian, Signal::SIGKILL);
+    crate::guardian::signal(run, Signal::SIGKILL);
+    let live = poll("an unknown bench", || Some(served.get("/benches/demo")).filter(|live| live["state"] == "unknown"));
+    let supply = of_role(&live, "supply4q");
+    assert!(live["verified"] == false && supply["output"].is_null(), "{live}");
+    assert_eq!(supply["trouble"], "the run's process died, and nobody has verified that this is off", "{live}");
+    crate::guardian::on_bench(&files, &["safe"]).expect_code(0);
+    let live = poll("a verified bench", || Some(served.get("/benches/demo")).filter(|live| live["verified"] == true));
+    let supply = of_role(&live, "supply4q");
+    assert_eq!((&live["state"], &supply["output"], &supply["output_by"]), (&"latched".into(), &false.into(), &"safe".into()), "{live}");
+    ports.assert_outputs_off();
+}
+
 #[test]
 fn a_run_waits_and_goes_on_as_it_is_told() {
     let files = Files::short(8);

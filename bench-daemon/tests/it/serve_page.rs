@@ -291,6 +291,95 @@ fn the_button_in_the_tenth_tab_is_heard_as_soon_as_in_the_first() {
     });
 }
 
+/// What the page says of a bench in work whose outputs and current are these.
+const RUNNING: &str = "
+    const [outputs, current_a, fresh] = arguments;
+    const done = arguments[3];
+    import('/bench.js').then(({ drawNow }) => {
+        const instruments = Object.entries(outputs).map(([role, output]) => ({ role, output }));
+        drawNow({ state: 'running', instruments, reading: { fixture: 'cell', current_a, fresh }, soc: null, limits: [] });
+        done(document.querySelector('#state').textContent);
+    });
+";
+
+#[test]
+fn what_the_page_says_of_a_current_follows_from_outputs_through_which_one_can_flow() {
+    let Some(browser) = Browser::start(false) else { return };
+    let files = Files::short(2);
+    config(&files, "");
+    let served = Served::start(&files);
+    browser.go(&served.url(), DESKTOP);
+    browser.wait("#link", "connected");
+    let off = json!({ "supply4q": false, "generator": false, "load": false, "supply": false, "chiller": true, "scope": null });
+    let with = |role: &str, output: Value| {
+        let mut outputs = off.clone();
+        outputs[role] = output;
+        outputs
+    };
+    for (outputs, current_a, fresh, words) in [
+        (off.clone(), json!(0.02), true, "▶ Running: every output is off"),
+        (with("load", json!(true)), json!(0.02), true, "▶ Running: current may flow"),
+        (with("load", json!(null)), json!(0.02), true, "▶ Running: current may flow"),
+        (off.clone(), json!(-3.0), true, "▲ Running: 3.00 A flow, though every output says that it is off"),
+        (off.clone(), json!(0.02), false, "▶ Running: every output says that it is off, no current was read yet"),
+        (off.clone(), json!(null), true, "▶ Running: every output says that it is off, no current was read yet"),
+    ] {
+        let said = browser.say("/execute/async", &json!({ "script": RUNNING, "args": [outputs, current_a, fresh] }));
+        assert_eq!(said, words, "{outputs}, {current_a} A, fresh: {fresh}");
+    }
+}
+
+/// Time passes faster for the page: its timers end so much sooner, and its clock goes so much faster.
+const HURRY: &str = "
+    const factor = 8;
+    const [once, often, now, began] = [window.setTimeout.bind(window), window.setInterval.bind(window), Date.now.bind(Date), Date.now()];
+    window.setTimeout = (work, ms, ...more) => once(work, (ms || 0) / factor, ...more);
+    window.setInterval = (work, ms, ...more) => often(work, (ms || 0) / factor, ...more);
+    Date.now = () => began + factor * (now() - began);
+";
+
+#[test]
+fn ten_tabs_still_share_one_stream_after_a_server_that_did_not_answer() {
+    let Some(browser) = Browser::start(false) else { return };
+    let files = Files::short(2);
+    config(&files, "[limits]\nrequests_per_s = 1000\nburst = 4000");
+    let served = Served::start(&files);
+    for tab in 0..10 {
+        if tab > 0 {
+            let handle = browser.say("/window/new", &json!({ "type": "tab" }))["handle"].take();
+            browser.say("/window", &json!({ "handle": handle }));
+        }
+        browser.say("/goog/cdp/execute", &json!({ "cmd": "Page.addScriptToEvaluateOnNewDocument", "params": { "source": HURRY } }));
+        browser.go(&served.url(), DESKTOP);
+        browser.wait("#link", "connected");
+    }
+    let listeners = || {
+        // Whatever happens is heard, so that nobody takes the time between two words of the server for silence.
+        served.post("/benches/demo/hold", "").expect(200);
+        let text = served.ask("GET", "/metrics", ("", "")).expect(200).text();
+        let row = text.lines().find(|line| line.starts_with("eis_bench_event_listeners ")).unwrap().to_owned();
+        row.rsplit_once(' ').unwrap().1.parse::<f64>().unwrap() as usize
+    };
+    assert_eq!(listeners(), 1);
+    let process = i32::try_from(served.process.0.id()).unwrap();
+    crate::guardian::signal(process, nix::sys::signal::Signal::SIGSTOP);
+    // For the tabs that is more than a minute and a half.
+    let since_s = instruments::clock::unix_time_s();
+    while instruments::clock::unix_time_s() - since_s < 14.0 {
+        poll_once();
+    }
+    crate::guardian::signal(process, nix::sys::signal::Signal::SIGCONT);
+    let (mut most, since_s) = (0, instruments::clock::unix_time_s());
+    while instruments::clock::unix_time_s() - since_s < 8.0 {
+        let found = listeners();
+        // Those that were given up are known to be gone only with the next word.
+        most = if instruments::clock::unix_time_s() - since_s < 3.0 { 0 } else { most.max(found) };
+        poll_once();
+    }
+    browser.wait("#link", "connected");
+    assert_eq!(most, 1);
+}
+
 #[test]
 fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     let Some(browser) = Browser::start(true) else { return };

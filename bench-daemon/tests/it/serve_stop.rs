@@ -159,3 +159,57 @@ fn tokens_made_at_the_same_time_are_all_kept_and_files_are_nobody_elses() {
     let refused = crate::support::program(&["serve".as_ref(), config.as_os_str()]);
     assert!(refused.code != Some(0) && refused.stderr.contains("expected a file that not everybody may write"), "{}", refused.stderr);
 }
+
+#[test]
+fn a_stop_has_its_files_where_the_system_grants_few_and_silent_sockets_take_what_they_get() {
+    let files = Files::short(14).edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"2 Hz\"").without(EXPERIMENT, "fixture_check");
+    let ports = Ports::serve(&files, 1.0, 1);
+    config(&files, "");
+    let served = Served::start_after(&files, "ulimit -n 300");
+    submit(&served, r#"{"experiment":"demo"}"#);
+    poll("a current", || (ports.world.lock().unwrap().truth_current_a() != 0.0).then_some(()));
+    let over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| silent(&served.address, &over));
+        }
+        let _ends = Ends(&over);
+        sleep(1.5);
+        let asked_s = unix_time_s();
+        let report = served.post("/benches/demo/stop", "").expect(200).json();
+        let took_s = unix_time_s() - asked_s;
+        assert_eq!((&report["verified"], &report["over"]), (&true.into(), &true.into()), "{report}");
+        println!("beside silent sockets and with 300 files: verified within {took_s:.2} s");
+    });
+    ports.assert_outputs_off();
+}
+
+#[test]
+fn who_listened_without_a_token_hears_nothing_more_once_there_is_one() {
+    let files = Files::short(2);
+    config(&files, "");
+    let served = Served::start(&files);
+    let mut events = served.listen("");
+    assert_eq!(events.next().unwrap().1, "hello");
+    let operator = token(&files, "ann", "operate");
+    for number in 0..50 {
+        let body = format!("{{\"why\":\"{number}\"}}");
+        served.ask("POST", "/api/v1/benches/demo/hold", (&operator, &body)).expect(200);
+    }
+    let heard: Vec<String> = events.map(|event| event.2.to_string()).collect();
+    assert!(!heard.iter().any(|text| text.contains("49 (ann)")), "{heard:?}");
+}
+
+#[test]
+fn what_is_written_without_a_umask_is_nobody_elses_all_the_same() {
+    use std::os::unix::fs::PermissionsExt;
+    let files = Files::short(2);
+    config(&files, "");
+    let served = Served::start_after(&files, "umask 0");
+    served.post("/benches/demo/hold", "").expect(200);
+    served.post("/benches/demo/release", "").expect(200);
+    let mode = |name: &str| std::fs::metadata(files.path("data").join(name)).unwrap().permissions().mode() & 0o777;
+    assert_eq!((mode("audit.jsonl"), mode("audit.head.json")), (0o640, 0o640));
+    let head: serde_json::Value = serde_json::from_str(&crate::serve_support::data(&files, "audit.head.json")).unwrap();
+    assert_eq!(head["lines"], 2, "each deed is in the head");
+}

@@ -5,7 +5,7 @@ use std::{
     io::{BufRead, BufReader, Read, Write},
     net::TcpStream,
     path::PathBuf,
-    process::Stdio,
+    process::{Command, Stdio},
     time::Duration,
 };
 
@@ -64,7 +64,22 @@ impl Served {
     pub(crate) fn start_with(files: &Files, environment: &[(&str, &str)]) -> Self {
         let config = files.path("serve.toml");
         let mut command = command(&["serve".as_ref(), config.as_os_str()]);
-        command.envs(environment.iter().copied()).stderr(Stdio::inherit());
+        command.envs(environment.iter().copied());
+        Self::start_by(command)
+    }
+
+    /// Starts it in a shell that has said this before, such as `umask 0`.
+    pub(crate) fn start_after(files: &Files, words: &str) -> Self {
+        let mut command = Command::new("sh");
+        command
+            .args(["-c", &format!("{words}; exec \"$@\""), "sh", env!("CARGO_BIN_EXE_eis-bench"), "serve"])
+            .arg(files.path("serve.toml"));
+        command.stdin(Stdio::null()).stdout(Stdio::piped());
+        Self::start_by(command)
+    }
+
+    fn start_by(mut command: Command) -> Self {
+        command.stderr(Stdio::inherit());
         let mut process = Running(command.spawn().unwrap());
         let mut line = String::new();
         BufReader::new(process.0.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();

@@ -91,11 +91,12 @@ async function turn(tab, name, steal) {
   const robbed = new AbortController();
   const over = () => waits.abort();
   tab.over.signal.addEventListener("abort", over);
+  // Not all look at the same time: the first to take the lock tells the others.
   const watch = setInterval(() => {
     if (tab.leads || Date.now() - tab.heard < ABSENCE_MS) return;
     linked(tab, "down");
     waits.abort();
-  }, BEAT_MS);
+  }, BEAT_MS * (0.5 + Math.random()));
   try {
     await navigator.locks.request(name, steal ? { steal } : { signal: waits.signal }, () => lead(tab, robbed.signal));
     return false;
