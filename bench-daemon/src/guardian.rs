@@ -252,7 +252,7 @@ impl<'a> Watch<'a> {
         if self.report.bath_c != bath_c {
             self.report.bath_c = bath_c;
             // For whoever switches off when this process is dead, too.
-            self.note("watching");
+            self.note(Status::Watching);
         }
     }
 

@@ -35,7 +35,7 @@ fn replace(path: &Path, (beside, made): (&Path, io::Result<File>), bytes: &[u8])
         file.sync_all()
     });
     let result = match written {
-        Ok(()) => fs::rename(&beside, path).map_err(|source| io_error(path, "put the new file in place", source)),
+        Ok(()) => fs::rename(beside, path).map_err(|source| io_error(path, "put the new file in place", source)),
         Err(source) => Err(io_error(beside, "write the file", source)),
     };
     if result.is_err() {

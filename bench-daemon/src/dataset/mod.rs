@@ -67,7 +67,7 @@ pub struct Loaded {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Reading {
     /// What an inherited correction leaves, which a run that measured no controls cannot tell.
-    pub(crate) known: Option<CommonError>,
+    pub known: Option<CommonError>,
     /// Points that a quality gate has refused are used, too.
     pub refused_points: bool,
 }

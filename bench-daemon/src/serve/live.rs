@@ -302,7 +302,7 @@ mod tests {
             ..Output::default()
         };
         let message = "3.00 A still flow through the load".to_owned();
-        let safe = SafeReport { bench: "demo".to_owned(), verified: false, message, outputs: vec![load] };
+        let safe = SafeReport { bench: "demo".to_owned(), verified: false, message, outputs: vec![load], bath: None };
         let mut stop = StopReport { bench: "demo".to_owned(), by: "ann".to_owned(), ..StopReport::default() };
         stop.found(&safe);
         let json = serde_json::to_value(&stop).unwrap();

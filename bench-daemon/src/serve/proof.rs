@@ -5,6 +5,7 @@ use std::{os::unix::fs::MetadataExt, path::Path};
 
 use super::live::StopReport;
 use crate::{
+    bench::SafeReport,
     guardian::{DRIVES, Report, Status},
     journal::JOURNAL,
     state::State,
@@ -38,9 +39,12 @@ impl Proof {
         let guardian = Report::read(state);
         if let Some(report) = guardian.as_ref().filter(|report| same(Path::new(&report.run), run)) {
             match report.status {
-                // An older guardian does not say what it has read back: everything that it guards.
-                Status::Verified => {
-                    let read = report.safe.as_ref().map(|safe| safe.outputs.iter().map(|output| output.role.clone()).collect());
+                // An older guardian does not say what it has read back: everything that it guards. A bath that it did not reach is not among it.
+                Status::Verified | Status::BathNotReached => {
+                    let verified = |safe: &SafeReport| {
+                        safe.outputs.iter().filter(|output| output.verified()).map(|output| output.role.clone()).collect()
+                    };
+                    let read = report.safe.as_ref().map(verified);
                     return Some(Self { by: Some("guardian"), roles: read.or_else(drives) });
                 }
                 // By the run itself, whose transcripts tell what each instrument said.
