@@ -269,8 +269,8 @@ fn after_a_killed_run_outputs_are_shown_as_its_guardian_or_somebody_else_has_ver
     assert_eq!((&report["verified"], report["outputs"].as_array().unwrap().len()), (&true.into(), 4), "{report}");
     // Of a run that dies together with its guardian nothing is known, until somebody has switched off.
     served.post("/benches/demo/release", "").expect(200);
-    submit(&served, DEMO);
-    served.points(1);
+    let second = submit(&served, DEMO);
+    poll("its first point", || Some(served.points(1)).filter(|live| live["run"]["run"] == second.as_str()));
     let guardian = i32::try_from(crate::guardian::report(&files, "watching")["pid"].as_i64().unwrap()).unwrap();
     let run = in_work(&served);
     crate::guardian::signal(run, Signal::SIGSTOP);
