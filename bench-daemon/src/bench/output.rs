@@ -60,8 +60,12 @@ impl Output {
         let bound = self.bound.as_ref().map_or_else(String::new, |bound| format!(", {bound}"));
         match (self.role.as_str(), self.amps) {
             ("chiller", _) => {
-                let reached = if self.silent { " and it was not reached" } else { "" };
-                format!("the relays of {name} are not known to be open{reached}; a pulse ends by itself within a minute: {unplug}")
+                let since = match &self.by {
+                    _ if self.silent => " and it was not reached".to_owned(),
+                    Some(by) => format!(" since it was given {by}"),
+                    None => String::new(),
+                };
+                format!("the relays of {name} are not known to be open{since}; a pulse ends by itself within a minute: {unplug}")
             }
             ("generator", _) if drive_off => {
                 format!("{name} is not known to be off; the bipolar supply that it commands is off, so that it drives nothing: {unplug}")

@@ -312,24 +312,22 @@ async fn found<D: Drive>(drive: &mut Option<D>, (off, mut by): Ended, clock: &Cl
     Some(Output { by: by.map(str::to_owned), bound: Some(bounds.join(", ")), ..output })
 }
 
-/// Opens the relays of a bath without a loop of its own. Where they are not known to be open the other ways of its dialect are gone, and it is asked once more.
+/// Opens the relays of a bath without a loop of its own. Where they are not known to be open the other ways of its dialect are gone; a board that has refused to
+/// open them is not believed when it then says that they are, but that is told.
 async fn open_relays(bath: Option<&mut Chiller>) -> Option<Output> {
     let bath = bath?;
     fresh(bath).await;
-    let mut off = bath.pulse(0.0).await;
+    let off = bath.pulse(0.0).await;
     // Who does not answer is asked no more: the next attempt comes soon.
     let silent = bath.link_mut().is_dropped();
     let mut by = None;
     if off.is_err() && !silent {
         for way in bath.zero() {
             fresh(bath).await;
-            if let Err(error) = bath.go(&way).await {
-                tracing::warn!("{}: {error}", way.name);
+            match bath.go(&way).await {
+                Ok(()) => by = by.or_else(|| Some(way.name.to_owned())),
+                Err(error) => tracing::warn!("{}: {error}", way.name),
             }
-        }
-        // By their own word they may be open by now.
-        if bath.look().await.is_ok_and(|answers| answers.iter().all(|answer| answer.as_scripted)) {
-            (off, by) = (Ok(()), bath.zero().first().map(|way| way.name.to_owned()));
         }
     }
     Some(Output { off: off.is_ok(), by, silent, trouble: told(off), ..Output::default() })

@@ -18,7 +18,7 @@ use crate::{
 
 /// The demo on a bath with relays, in the place of the bench of that name.
 fn relays() -> Files {
-    let files = Files::demo();
+    let files = Files::demo().without(EXPERIMENT, "fixture_check");
     let bath = fs::read_to_string(configs().join("benches/bath.toml")).unwrap();
     files.write(BENCH, &bath.replace("name = \"bath\"", "name = \"demo\""));
     files
@@ -107,6 +107,7 @@ fn the_guardian_stops_a_bath_only_where_it_is_no_longer_set_as_the_run_has_set_i
         let ports = Ports::serve(&files, 10.0, 1);
         let run = files.path("killed");
         let mut child = start(&files, &run, &[]);
+        report(&files, "watching");
         poll("a bath that was started", || (json(&state(&files, "guardian.json"))["bath_c"] == 25.0).then_some(()));
         let guardian = i32::try_from(json(&state(&files, "guardian.json"))["pid"].as_i64().unwrap()).unwrap();
         // It stands still until another client has been at the bath.
