@@ -50,11 +50,12 @@ pub(super) async fn settle(bench: &config::Bench, state: &State, clock: &Clock) 
     let bath = bench.bath(last_cell_c(state)).await;
     let switched = switched.with_bath(bath);
     let outcome = if switched.verified {
-        format!("now every output is off and read back{}", switched.bath.as_ref().map_or_else(String::new, |bath| format!("; {bath}")))
+        "now every output is off and read back".to_owned()
     } else {
         format!("NOT SWITCHED OFF: {}", switched.message)
     };
-    let cause = format!("{text}; {outcome}: a current that nobody watched may have flowed");
+    let bath = switched.bath.as_ref().map_or_else(String::new, |bath| format!("; {bath}"));
+    let cause = format!("{text}{bath}; {outcome}: a current that nobody watched may have flowed");
     remark!("eis-bench: {cause}");
     let step = flowing.unwrap_or_default();
     state.latch_with(&Latched::new("daemon", &cause).during(&open.holder.run, &step), &open)?;

@@ -261,7 +261,11 @@ fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
     let (before, after) = journal.split_once("\"entry\":{\"resumed\"").unwrap();
     assert!(!before.contains("\"found\""));
     let (found, _) = after.split_once("\"entry\":\"safe\"").unwrap();
-    assert_eq!(found.matches("\"entry\":{\"found\"").count(), 4, "everything that can move charge is looked at before it is switched off");
+    assert_eq!(
+        found.matches("\"entry\":{\"found\"").count(),
+        5,
+        "everything that can move charge, and the bath, is looked at before it is switched off"
+    );
     assert!(found.contains("\"role\":\"supply4q\",\"off\":true"), "{found}");
     assert_eq!(journal.matches("\"text\":\"trace pulse").count(), 2);
     assert_eq!(json(&run.join("traces.json"))["traces"].as_array().unwrap().len(), 1);
