@@ -62,10 +62,10 @@ impl Executor<'_> {
             Some(first) if first.0 == scales => first,
             _ => (scales, mean_a - self.mean_change_a),
         });
-        // A channel that clips shows what is common to both, and is measured again.
+        // A channel that clips shows what is common to both, and is measured again; noise is no current: the quality gate judges it.
         let clips = [below, above].into_iter().any(|waveform| waveform.clipped_share() > 0.0);
         let r_ohm = self.experiment.bench.wiring.shunt.r_ohm;
-        let crest_a = if clips { 0.0 } else { within(&current, mean_a * r_ohm) / r_ohm };
+        let crest_a = if clips || !smooth(&current) { 0.0 } else { within(&current, mean_a * r_ohm) / r_ohm };
         let crest = (crest_a > drawn(amplitude_a) + unsure_v / self.experiment.bench.wiring.shunt.r_ohm).then_some((
             "crest of the cell current in a record",
             crest_a,
