@@ -65,8 +65,11 @@ fn day(experiment: &Experiment, folder: &Path, seed: u64) -> Day {
     let world = simulation.world().lock().unwrap();
     let left_a = world.truth_current_a();
     let lies = simulation.happened().iter().any(|happened| lies_about_its_output(happened.fault));
+    // What somebody drives before the run has begun is not the run's: it has changed nothing.
+    let refused = text.starts_with("expected every output off at the beginning")
+        && simulation.happened().iter().any(|happened| happened.fault == Fault::SecondClient);
     // An output that does not go off, or a meter that stands still, cannot be verified: it carries nothing all the same.
-    if left_a.abs() > if lies { NOTHING_A } else { 0.0 } {
+    if !refused && left_a.abs() > if lies { NOTHING_A } else { 0.0 } {
         wrong.push(format!("{left_a} A still flow"));
     }
     if ended == "unsafe" && !lies {
