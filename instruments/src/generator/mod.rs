@@ -101,7 +101,7 @@ pub trait Dialect: Model {
         if periods.is_some() { vec![Exchange::Refuse { message, reason }] } else { Vec::new() }
     }
     /// The least sine around an offset, as near to a direct current as it comes; the output and the rest stay as they are. A unit whose least amplitude is greater
-    /// than its manual says is not refused for that, up to [`QUIET_VPP`].
+    /// than its manual says is not refused for that, up to 20 mVpp.
     fn direct(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
     /// The least sine around an offset, everything else that could move the output off; the output stays as it is.
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
