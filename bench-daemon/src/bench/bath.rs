@@ -1,5 +1,5 @@
 //! What becomes of a bath that closes its own loop when everything else is off. It moves no charge and may be what cools the cell, so that it keeps its set-point,
-//! unless that is known to be wrong. It is asked after everything that moves charge is off, and not for long: it may serve another client.
+//! unless that is known to be wrong. Nothing that moves charge waits for it, and it is not asked for long: it may serve another client.
 
 use std::time::Duration;
 
