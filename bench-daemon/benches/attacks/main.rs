@@ -15,7 +15,7 @@ use list::{Attack, Deed};
 use trial::{Row, Usual, stand};
 
 /// Attacks at a time: most of each is waiting.
-const AT_A_TIME: usize = 24;
+const AT_A_TIME: usize = 32;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (mut program, mut only, mut out) = (env!("CARGO_BIN_EXE_eis-bench").to_owned(), String::new(), None);

@@ -269,12 +269,14 @@ pub(crate) fn stand(program: &str, attack: &Attack, usual: &Usual) -> Row {
     if attack.deed == Deed::Nothing {
         lock(usual).insert(attack.job, shares.iter().map(|(_, share)| *share).collect());
     }
-    let wrong = wrong_points(&shares, lock(usual).get(&attack.job), &text);
+    // Not held while others want it.
+    let usual = lock(usual).get(&attack.job).cloned();
+    let wrong = wrong_points(&shares, usual.as_ref(), &text);
     mended.mend();
     let resumed = if code == Some(0) {
         "–".to_owned()
     } else {
-        resume(program, (folder.path(), &served), lock(usual).get(&attack.job).cloned().as_ref())
+        resume(program, (folder.path(), &served), usual.as_ref())
     };
     Row {
         name: attack.name(),
