@@ -273,11 +273,7 @@ pub(crate) fn stand(program: &str, attack: &Attack, usual: &Usual) -> Row {
     let usual = lock(usual).get(&attack.job).cloned();
     let wrong = wrong_points(&shares, usual.as_ref(), &text);
     mended.mend();
-    let resumed = if code == Some(0) {
-        "–".to_owned()
-    } else {
-        resume(program, (folder.path(), &served), usual.as_ref())
-    };
+    let resumed = if code == Some(0) { "–".to_owned() } else { resume(program, (folder.path(), &served), usual.as_ref()) };
     Row {
         name: attack.name(),
         job: attack.job,
