@@ -247,14 +247,14 @@ impl Bench {
             ($role:expr, $field:ident, $recognises:expr) => {
                 if let (Some(instrument), Some(config)) = (self.$field.as_mut(), self.models.get($role)) {
                     let identity = instrument.identify().await.map_err(|source| wrap($role, &config.model, source))?;
-                    let recognised = $recognises(&*instrument, &identity) || config.accepts(&identity.raw);
+                    let recognised = $recognises(&*instrument, &identity);
                     let (model, address) = (config.model.clone(), config.address.to_string());
                     found.push(Identified { role: $role, model, address, identity, recognised });
                 }
             };
         }
         macro_rules! ask_all {
-            ($($field:ident $variant:ident,)+) => { $(ask!(stringify!($field), $field, recognises);)+ };
+            ($($field:ident $variant:ident,)+) => { $(ask!(stringify!($field), $field, Instrument::recognises);)+ };
         }
         for_roles!(ask_all);
         ask!("jig", jig, |_: &Jig, _: &Identity| true);
@@ -292,7 +292,8 @@ async fn open<D: Model + ?Sized>(
 ) -> Result<Option<Instrument<D>>, BenchError> {
     let Some(instrument) = instrument else { return Ok(None) };
     let dialect = spoken(role, dialects, instrument)?;
-    Ok(Some(Instrument::new(link(connections, role, instrument, dialect.profile()).await?, dialect)))
+    let link = link(connections, role, instrument, dialect.profile()).await?;
+    Ok(Some(Instrument::new(link, dialect).accepting(instrument.accept.clone())))
 }
 
 /// The dialect of an instrument's model.
@@ -314,11 +315,7 @@ fn unconnected<D: Model + ?Sized>(
     let Some(instrument) = instrument else { return Ok(None) };
     let dialect = spoken(role, dialects, instrument)?;
     let link = Link::unconnected(options(connections, role, instrument, dialect.profile()));
-    Ok(Some(Instrument::new(link, dialect)))
-}
-
-fn recognises<D: Model + ?Sized>(instrument: &Instrument<D>, identity: &Identity) -> bool {
-    instrument.dialect().recognises(identity)
+    Ok(Some(Instrument::new(link, dialect).accepting(instrument.accept.clone())))
 }
 
 fn wrap(role: &'static str, model: &str, source: LinkError) -> BenchError {

@@ -129,13 +129,12 @@ impl Any {
         all
     }
 
-    /// Asks all there is to ask; changes nothing. What `accepts` says yes to is spoken to although the dialect does not know it.
+    /// Asks all there is to ask; changes nothing.
     ///
     /// # Errors
     /// The link's.
-    pub async fn say(&mut self, accepts: impl Fn(&str) -> bool) -> Result<Said, LinkError> {
-        let (identity, known) = self.identify().await?;
-        let recognised = known || accepts(&identity.raw);
+    pub async fn say(&mut self) -> Result<Said, LinkError> {
+        let (identity, recognised) = self.identify().await?;
         if !recognised {
             return Ok(Said::unknown(identity));
         }
@@ -162,7 +161,7 @@ impl Any {
                 match self {
                     $(Self::$variant(instrument) => {
                         let identity = instrument.identify().await?;
-                        let recognised = instrument.dialect().recognises(&identity);
+                        let recognised = instrument.recognises(&identity);
                         Ok((identity, recognised))
                     })+
                     Self::Jig(jig) => {

@@ -53,6 +53,8 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
     pub(crate) link: Link,
     pub(crate) dialect: &'static D,
     pub(crate) channels: Vec<u16>,
+    /// Part of the identity of another model that is spoken to as this one all the same.
+    accepted: Option<String>,
     /// What was set last and must stay so while current flows.
     pub(crate) told: Told,
 }
@@ -61,13 +63,25 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// Puts a dialect on a link. Sends nothing.
     pub fn new(mut link: Link, dialect: &'static D) -> Self {
         link.speak(dialect.settings());
-        Self { link, dialect, channels: Vec::new(), told: Told::default() }
+        Self { link, dialect, channels: Vec::new(), accepted: None, told: Told::default() }
     }
 
     /// Names the channels in use, where a model has several: the generator's output, the logger's scan list.
     #[must_use]
     pub fn on_channels(self, channels: Vec<u16>) -> Self {
         Self { channels, ..self }
+    }
+
+    /// Accepts an instrument whose identity contains this text as this model.
+    #[must_use]
+    pub fn accepting(self, accepted: Option<String>) -> Self {
+        Self { accepted, ..self }
+    }
+
+    /// Whether an identity answer is that of the expected instrument.
+    pub fn recognises(&self, identity: &Identity) -> bool {
+        let accepted = self.accepted.as_deref().is_some_and(|text| !text.is_empty() && identity.raw.contains(text));
+        accepted || self.dialect.recognises(identity)
     }
 
     /// Asks who it is; changes no setting. Where nothing tells that an earlier client left an answer unread, a strange identity may be that answer: the link is
@@ -77,7 +91,7 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// The link's.
     pub async fn identify(&mut self) -> Result<Identity, LinkError> {
         let identity = Identity::parse(&self.link.query(self.dialect.identity_query()).await?);
-        if self.dialect.recognises(&identity) || !matches!(self.link.address(), Address::UsbTmc { .. }) {
+        if self.recognises(&identity) || !matches!(self.link.address(), Address::UsbTmc { .. }) {
             return Ok(identity);
         }
         // A model that answers nothing else is still the one that it said it is.
@@ -95,7 +109,7 @@ impl<D: Model + ?Sized> Instrument<D> {
     pub async fn reconnect_and_identify(&mut self) -> Result<(), LinkError> {
         self.link.reconnect().await?;
         let identity = self.identify().await?;
-        if self.dialect.recognises(&identity) {
+        if self.recognises(&identity) {
             return Ok(());
         }
         let expected = format!("the identity of a {}", self.dialect.key());

@@ -44,18 +44,8 @@ impl Bench {
     /// It cannot be reached, or is another model.
     pub async fn reach_bath(&mut self) -> Result<(), BenchError> {
         let Some(bath) = self.chiller.as_mut() else { return Ok(()) };
-        let asked = async {
-            bath.link_mut().reconnect().await?;
-            bath.identify().await
-        };
-        let identity =
-            asked.await.map_err(|source| wrap("chiller", self.models.get("chiller").map_or("", |known| &known.model), source))?;
-        let Some((known, bath)) = self.models.get("chiller").zip(self.chiller.as_ref()) else { return Ok(()) };
-        if bath.dialect().recognises(&identity) || known.accepts(&identity.raw) {
-            return Ok(());
-        }
-        let (model, address) = (known.model.clone(), known.address.to_string());
-        Err(BenchError::Identity { role: "chiller", model, address, found: identity.raw })
+        let reached = bath.reconnect_and_identify().await;
+        reached.map_err(|source| wrap("chiller", self.model("chiller"), source))
     }
 
     /// Stops a bath that closes its loop itself, that this run has started, and that is no longer set as the run has set it: nobody knows where it goes. What

@@ -233,6 +233,11 @@ async fn end<D: Drive>(drive: &mut Option<D>, clock: &Clock) -> Ended {
     (off, by)
 }
 
+/// Whether a reading shows a current.
+fn flows(amps: f64) -> bool {
+    amps.abs() > NO_CURRENT_A
+}
+
 /// The ways to zero of an output that does not go off, one after the other, until no current flows; tells which one it was.
 async fn zero<D: Drive>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
     /// A meter shows the new current after this time, s.
@@ -247,7 +252,7 @@ async fn zero<D: Drive>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
             return None;
         }
         clock.sleep_s(SHOWN_S).await;
-        if drive.read().await.is_ok_and(|(_, amps)| amps.abs() <= NO_CURRENT_A) {
+        if drive.read().await.is_ok_and(|(_, amps)| !flows(amps)) {
             return Some(way.name);
         }
     }
@@ -261,7 +266,7 @@ async fn at_rest<D: Drive>(drive: &mut D, clock: &Clock, within_s: f64) -> Resul
     loop {
         let read = drive.read().await;
         let Ok((_, amps)) = read else { return read };
-        quiet = if amps.abs() <= NO_CURRENT_A { quiet + 1 } else { 0 };
+        quiet = if flows(amps) { 0 } else { quiet + 1 };
         if quiet >= 2 || clock.now_s() >= until_s {
             return read;
         }
@@ -274,19 +279,19 @@ async fn found<D: Drive>(drive: &mut Option<D>, (mut off, mut by): Ended, clock:
     let drive = drive.as_mut()?;
     let mut read = at_rest(drive, clock, SAFE_SETTLE_S).await;
     let (mut lied, mut out_of_step) = (false, false);
-    if by.is_none() && off.is_ok() && read.as_ref().is_ok_and(|(_, amps)| amps.abs() > NO_CURRENT_A) {
+    if by.is_none() && off.is_ok() && read.as_ref().is_ok_and(|(_, amps)| flows(*amps)) {
         // Another client may have switched it on since it said that it is off.
         off = drive.off().await;
         read = at_rest(drive, clock, SAFE_SETTLE_AGAIN_S).await;
     }
-    if read.as_ref().is_ok_and(|(_, amps)| amps.abs() > NO_CURRENT_A) {
+    if read.as_ref().is_ok_and(|(_, amps)| flows(*amps)) {
         if by.is_none() {
             // By its own word it may be off: the current says otherwise.
             by = zero(drive, clock).await;
             lied = off.is_ok() && by.is_some();
             read = drive.read().await;
         }
-        if read.as_ref().is_ok_and(|(_, amps)| amps.abs() > NO_CURRENT_A) {
+        if read.as_ref().is_ok_and(|(_, amps)| flows(*amps)) {
             // What is told as a current is the answer to this question.
             let step = drive.in_step().await;
             out_of_step = matches!(step, Err(LinkError::Unexpected { .. }));
@@ -305,7 +310,7 @@ async fn found<D: Drive>(drive: &mut Option<D>, (mut off, mut by): Ended, clock:
         trouble: told(off).or_else(|| told(read.map(|_| ()))),
         ..Output::default()
     };
-    let quiet = output.off && output.amps.is_some_and(|amps| amps.abs() <= NO_CURRENT_A);
+    let quiet = output.off && output.amps.is_some_and(|amps| !flows(amps));
     if quiet && by.is_none() {
         return Some(output);
     }

@@ -245,7 +245,7 @@ impl Visit<'_> {
             let one = config::Bench { instruments: self.config.instruments.only(role), ..self.config.clone() };
             let said = match Bench::open(&one, connections).await.map(Any::of) {
                 Ok(mut any) => match any.first_mut() {
-                    Some((_, any)) => any.say(|identity| instrument.accepts(identity)).await.map_err(|error| error.to_string()),
+                    Some((_, any)) => any.say().await.map_err(|error| error.to_string()),
                     None => Err("no dialect".to_owned()),
                 },
                 Err(error) => Err(error.to_string()),

@@ -109,7 +109,7 @@ fn bench(config: &config::Bench, quiet: bool) -> Result<Vec<Found>, Failure> {
 async fn ask(one: &config::Bench, instrument: &config::Instrument, connections: &Connections) -> Result<Said, BenchError> {
     let first = Any::of(Bench::open(one, connections).await?).into_iter().next();
     let (role, mut any) = first.ok_or(BenchError::Missing { role: "instrument" })?;
-    let said = any.say(|identity| instrument.accepts(identity)).await;
+    let said = any.say().await;
     said.map_err(|source| BenchError::Link { role, model: instrument.model.clone(), source: Box::new(source) })
 }
 
@@ -150,7 +150,7 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
         for known in &known {
             let start_s = clock.machine_s();
             let said = match Link::open(options(address, known, &clock)).await {
-                Ok(link) => known.on(link).say(|_| false).await,
+                Ok(link) => known.on(link).say().await,
                 Err(error) => Err(error),
             };
             let took_s = clock.machine_s() - start_s;

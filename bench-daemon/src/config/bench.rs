@@ -166,13 +166,6 @@ pub struct Instrument {
     pub accept: Option<String>,
 }
 
-impl Instrument {
-    /// Whether it is to be spoken to as this model although it answers as another one.
-    pub fn accepts(&self, identity: &str) -> bool {
-        self.accept.as_deref().is_some_and(|text| !text.is_empty() && identity.contains(text))
-    }
-}
-
 /// Who changes the fixture.
 #[derive(Debug, Clone)]
 pub enum Jig {

@@ -29,6 +29,18 @@ pub(super) struct Kepco {
     analog_select: AnalogSelect,
 }
 
+/// From where a command or a limit comes.
+const FOLLOWS: Says = Says::States(&[
+    (Shows::Word("FIX"), "its own setting"),
+    (Shows::Word("FIXED"), "its own setting"),
+    (Shows::Word("EXT"), "its analog input"),
+    (Shows::Word("EXTERNAL"), "its analog input"),
+    (Shows::Word("LESS"), "the lesser of both"),
+    (Shows::Word("LIST"), "a list"),
+    (Shows::Word("TRANS"), "a transient"),
+    (Shows::Word("GAIN"), "its analog input, scaled"),
+]);
+
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
     Setting::state("OUTP?", "output", ON_OFF),
@@ -54,48 +66,9 @@ const SETTINGS: &[Setting] = &[
             (Shows::Word("VOLT"), "constant voltage"),
         ]),
     ),
-    Setting::state(
-        "CURR:MODE?",
-        "command",
-        Says::States(&[
-            (Shows::Word("FIX"), "its own set-point"),
-            (Shows::Word("FIXED"), "its own set-point"),
-            (Shows::Word("EXT"), "its analog input"),
-            (Shows::Word("EXTERNAL"), "its analog input"),
-            (Shows::Word("LESS"), "the lesser of both"),
-            (Shows::Word("LIST"), "a list"),
-            (Shows::Word("TRANS"), "a transient"),
-            (Shows::Word("GAIN"), "its analog input, scaled"),
-        ]),
-    ),
-    Setting::state(
-        "VOLT:PROT:MODE?",
-        "limit of the voltage",
-        Says::States(&[
-            (Shows::Word("FIX"), "its own"),
-            (Shows::Word("FIXED"), "its own"),
-            (Shows::Word("EXT"), "its analog input"),
-            (Shows::Word("EXTERNAL"), "its analog input"),
-            (Shows::Word("LESS"), "the lesser of both"),
-            (Shows::Word("LIST"), "a list"),
-            (Shows::Word("TRANS"), "a transient"),
-            (Shows::Word("GAIN"), "its analog input, scaled"),
-        ]),
-    ),
-    Setting::state(
-        "CURR:PROT:MODE?",
-        "limit of the current",
-        Says::States(&[
-            (Shows::Word("FIX"), "its own"),
-            (Shows::Word("FIXED"), "its own"),
-            (Shows::Word("EXT"), "its analog input"),
-            (Shows::Word("EXTERNAL"), "its analog input"),
-            (Shows::Word("LESS"), "the lesser of both"),
-            (Shows::Word("LIST"), "a list"),
-            (Shows::Word("TRANS"), "a transient"),
-            (Shows::Word("GAIN"), "its analog input, scaled"),
-        ]),
-    ),
+    Setting::state("CURR:MODE?", "command", FOLLOWS),
+    Setting::state("VOLT:PROT:MODE?", "limit of the voltage", FOLLOWS),
+    Setting::state("CURR:PROT:MODE?", "limit of the current", FOLLOWS),
     Setting::number("CURR:LIM?", "limit of the current", "A"),
     Setting::number("CURR?", "current", "A"),
     Setting::number("VOLT?", "voltage", "V"),
